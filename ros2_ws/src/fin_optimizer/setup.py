@@ -1,0 +1,34 @@
+"""Installs the package where ROS 2 looks for it."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "fin_optimizer"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["*.yaml", "py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/config", sorted(glob("config/*.yaml"))),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=False,
+    maintainer="Fin maintainers",
+    maintainer_email="maintainers@users.noreply.example",
+    description="Finds the caudal fin that swims fastest: proposes a design, has a plant swim it, scores it, records it, goes on.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "optimizer = fin_optimizer.optimizer:main",
+            "bringup = fin_optimizer.bringup:main",
+            "score_bag = fin_optimizer.score_bag:main",
+        ],
+    },
+)
