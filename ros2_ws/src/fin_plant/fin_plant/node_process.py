@@ -1,0 +1,83 @@
+"""How a node's process starts and ends: one way for every executable of the workspace."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import TYPE_CHECKING, Protocol
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental import EventsExecutor
+from rclpy.signals import SignalHandlerOptions
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType
+
+    from rclpy.node import Node
+
+EXIT_OK = 0
+EXIT_FAILURE = 1
+EXIT_USAGE = 2
+# A callback that waits on nothing returns at once; this bounds how late a stop is seen.
+_SPIN_SECONDS = 0.1
+
+
+class Runnable(Protocol):
+    """What `run` drives: a node, an optional slice of own work, and an end that leaves everything safe."""
+
+    node: Node
+
+    def step(self) -> float:
+        """Do a slice of work; return the seconds that the executor may wait for the next callback."""
+
+    def finished(self) -> int | None:
+        """Return the exit code once the node has nothing more to do, else None."""
+
+    def close(self) -> None:
+        """Leave everything safe; called once on every way out, while publishers still work."""
+
+
+class _Stop:
+    """Remembers the first signal; later ones of the same wave must not break the tear-down."""
+
+    def __init__(self) -> None:
+        self.signal = 0
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._note)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        self.signal = self.signal or number
+
+
+def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
+    """Run a node until it has finished or a signal asks it to stop.
+
+    Returns:
+        The node's own exit code, 128 + signal after SIGINT (130) or SIGTERM (143), 2 for a start value that is
+        refused (its message goes to stderr).
+    """
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    stop = _Stop()
+    try:
+        runnable = make()
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)  # noqa: T201
+        rclpy.try_shutdown()
+        return EXIT_USAGE
+    executor = EventsExecutor()
+    executor.add_node(runnable.node)
+    code: int | None = None
+    try:
+        while code is None and not stop.signal:
+            executor.spin_once(timeout_sec=min(runnable.step(), _SPIN_SECONDS))
+            code = runnable.finished()
+    except ExternalShutdownException:
+        code = EXIT_FAILURE
+    finally:
+        runnable.close()
+        executor.shutdown()
+        runnable.node.destroy_node()
+        rclpy.try_shutdown()
+    return 128 + stop.signal if stop.signal else (code or EXIT_OK)

@@ -1,0 +1,149 @@
+"""Parameter tables: one YAML file says type, unit, default, range and meaning of every parameter.
+
+The same table checks a value given in Python, declares the parameter on a node (`node_parameters`) and fills the
+tables of the documentation, so a number lives in one place.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import TYPE_CHECKING, Literal, cast
+
+import yaml
+
+from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Value = float | int | bool | str | list[float] | list[str]
+Kind = Literal["double", "integer", "bool", "string", "double_array", "string_array"]
+_KINDS: tuple[Kind, ...] = ("double", "integer", "bool", "string", "double_array", "string_array")
+_FIELDS = {"type", "unit", "default", "range", "choices", "description", "reason", "read_only"}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter: what it means and which values it takes."""
+
+    name: str
+    kind: Kind
+    default: Value
+    description: str
+    unit: str = ""
+    minimum: float = -math.inf
+    maximum: float = math.inf
+    choices: tuple[str, ...] = ()
+    reason: str = ""
+    read_only: bool = False
+
+    def check(self, value: object) -> Value:
+        """Return the value in the parameter's own type.
+
+        Raises:
+            ValueError: Wrong type, not finite, out of range or not one of the choices.
+        """
+        match self.kind:
+            case "double":
+                return self._number(value)
+            case "integer":
+                upper = None if math.isinf(self.maximum) else int(self.maximum)
+                lower = -(2**63) if math.isinf(self.minimum) else int(self.minimum)
+                return checks.whole_number(self.name, value, lower, upper)
+            case "bool":
+                if not isinstance(value, bool):
+                    msg = f"{self.name} = {value!r} must be true or false"
+                    raise ValueError(msg)
+                return value
+            case "string":
+                if self.choices:
+                    return checks.choice(self.name, value, self.choices)
+                if not isinstance(value, str):
+                    msg = f"{self.name} = {value!r} must be a text"
+                    raise ValueError(msg)
+                return value
+            case "double_array":
+                return [self._number(item) for item in self._items(value)]
+            case "string_array":
+                return [str(item) for item in self._items(value)]
+
+    def _number(self, value: object) -> float:
+        return checks.number(self.name, value, self.minimum, self.maximum, unit=self.unit)  # type: ignore[arg-type]
+
+    def _items(self, value: object) -> list[object]:
+        if isinstance(value, str) or not hasattr(value, "__iter__"):
+            msg = f"{self.name} = {value!r} must be a list"
+            raise ValueError(msg)
+        return list(value)
+
+
+class ParameterTable(dict[str, Parameter]):
+    """Parameters by full name, in the order of their file."""
+
+    def checked(self, values: Mapping[str, object]) -> dict[str, Value]:
+        """Return a value for every parameter: the one given, checked, or the default.
+
+        Raises:
+            ValueError: An unknown name, or a value that its parameter refuses.
+        """
+        for name in values:
+            self.require(name)
+        return {name: parameter.check(values.get(name, parameter.default)) for name, parameter in self.items()}
+
+    def require(self, name: str) -> Parameter:
+        """Return the parameter of that name.
+
+        Raises:
+            ValueError: There is none; the message offers the nearest names.
+        """
+        if name not in self:
+            near = difflib.get_close_matches(name, self, n=3)
+            hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(self)}"
+            msg = f"{name} is not a parameter: {hint}"
+            raise ValueError(msg)
+        return self[name]
+
+    def group(self, prefix: str) -> ParameterTable:
+        """Return the parameters whose names start with ``prefix`` and a dot."""
+        return ParameterTable({name: entry for name, entry in self.items() if name.startswith(prefix + ".")})
+
+
+def _parameter(source: str, name: str, entry: object) -> Parameter:
+    where = f"{source}: {name}"
+    if not isinstance(entry, dict) or not {"type", "default", "description"} <= entry.keys() <= _FIELDS:
+        msg = f"{where} needs type, default and description, and knows only {', '.join(sorted(_FIELDS))}"
+        raise ValueError(msg)
+    if entry["type"] not in _KINDS:
+        msg = f"{where}: type {entry['type']!r} is not one of {', '.join(_KINDS)}"
+        raise ValueError(msg)
+    low, high = entry.get("range", (-math.inf, math.inf))
+    parameter = Parameter(
+        name=name,
+        kind=cast("Kind", entry["type"]),
+        default=entry["default"],
+        description=" ".join(str(entry["description"]).split()),
+        unit=entry.get("unit", ""),
+        minimum=float(low),
+        maximum=float(high),
+        choices=tuple(entry.get("choices", ())),
+        reason=" ".join(str(entry.get("reason", "")).split()),
+        read_only=bool(entry.get("read_only", False)),
+    )
+    parameter.check(parameter.default)
+    return parameter
+
+
+@cache
+def load_table(package: str, file_name: str) -> ParameterTable:
+    """Read the table ``file_name`` that lies inside the Python package ``package``.
+
+    Raises:
+        ValueError: An entry that is incomplete, or whose default its own range refuses.
+    """
+    text = resources.files(package).joinpath(file_name).read_text(encoding="utf-8")
+    content = yaml.safe_load(text)
+    return ParameterTable({name: _parameter(file_name, name, entry) for name, entry in content.items()})

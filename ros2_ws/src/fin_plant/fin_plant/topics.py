@@ -1,0 +1,99 @@
+"""The topics of the node graph: names, types and quality of service, in one place.
+
+Names are relative: they live in the namespace of the fish. Frames follow REP 103, units are SI and radians.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from visualization_msgs.msg import MarkerArray
+
+NAMESPACE = "/fish"
+TANK_FRAME = "tank"
+BODY_FRAME = "base_link"
+
+STREAM = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1000)
+"""What a plant offers: reliable, with room for a slice of a swim that runs faster than real time."""
+EVERY_MESSAGE = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_ALL)
+"""What a scorer or recorder asks for: a full queue holds the plant back instead of losing a message."""
+LATEST = QoSProfile(reliability=ReliabilityPolicy.RELIABLE, history=HistoryPolicy.KEEP_LAST, depth=1)
+LATCHED = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+)
+CLOCK_QOS = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
+
+MessageT = TypeVar("MessageT")
+
+
+@dataclass(frozen=True)
+class Topic(Generic[MessageT]):
+    """A topic: its name, its message type, and what its publisher offers."""
+
+    name: str
+    type: type[MessageT]
+    qos: QoSProfile
+    description: str
+
+    @property
+    def type_name(self) -> str:
+        """Type as ROS writes it, for example ``std_msgs/msg/Float64``."""
+        package = self.type.__module__.split(".")[0]
+        return f"{package}/msg/{self.type.__name__}"
+
+
+GAIT = Topic("gait", Float64MultiArray, LATEST, "gait asked for; repeat at 2 Hz or more")
+GAIT_APPLIED = Topic("gait_applied", Float64MultiArray, LATCHED, "gait after the limits")
+JOINT_STATES = Topic("joint_states", JointState, STREAM, "angles, rates and servo torques of tail and fin")
+POSE = Topic("pose", PoseStamped, STREAM, "pose of base_link in tank")
+VELOCITY = Topic("velocity", TwistStamped, STREAM, "velocity of base_link in base_link")
+THRUST = Topic("thrust", WrenchStamped, STREAM, "force of the water on the tail, in base_link")
+PLANT_STATE = Topic("plant_state", DiagnosticStatus, LATCHED, "READY, WAITING_FOR_..., SWIMMING or FAULT, and the fin")
+MARKERS = Topic("markers", MarkerArray, LATEST, "body and fin for RViz or Foxglove")
+CANDIDATE = Topic("candidate", DiagnosticStatus, LATCHED, "the trial under way")
+SCORE = Topic("score", Float64, STREAM, "score of each trial that ended OK")
+PROGRESS = Topic("progress", DiagnosticStatus, LATCHED, "the study so far")
+DIAGNOSTICS = Topic("/diagnostics", DiagnosticArray, STREAM, "health of every node, 1 Hz")
+CLOCK = Topic("/clock", Clock, CLOCK_QOS, "time of the plant when it does not run in real time")
+
+ALL_TOPICS: tuple[Topic[Any], ...] = (
+    GAIT,
+    GAIT_APPLIED,
+    JOINT_STATES,
+    POSE,
+    VELOCITY,
+    THRUST,
+    PLANT_STATE,
+    MARKERS,
+    CANDIDATE,
+    SCORE,
+    PROGRESS,
+    DIAGNOSTICS,
+    CLOCK,
+)
+RECORDED_TOPICS: tuple[Topic[Any], ...] = (
+    GAIT,
+    GAIT_APPLIED,
+    JOINT_STATES,
+    POSE,
+    VELOCITY,
+    THRUST,
+    PLANT_STATE,
+    CANDIDATE,
+)
+"""What the bag of a trial holds."""
+
+SET_PARAMETERS_SERVICE = "set_parameters_atomically"
+RESET_SERVICE = "reset"
+CONFIRM_FIN_SERVICE = "confirm_fin"
+EMERGENCY_STOP_SERVICE = "estop"
