@@ -1,6 +1,8 @@
-"""The simulated fish.
+"""The simulated fish: physics of a body with a flexible caudal fin, and the plant node that swims it.
 
-A free body with a driven, jointed tail and a caudal fin of elastic hinges swims in still water. What a user describes
-(fin, fish, gait) becomes a chain of links, a compiled kernel integrates it, and a node offers the swim as topics, services
-and parameters.
+The public face for other packages: `swim`, `Swim`, `PAPER_FISH`.
 """
+
+from fin_sim.swim import PAPER_FISH, Swim, swim
+
+__all__ = ["PAPER_FISH", "Swim", "swim"]

@@ -1,0 +1,240 @@
+"""From fish and fin to the chain of rigid links that the kernel integrates."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import scipy.linalg
+
+from fin_plant import checks
+from fin_plant.gait import MAXIMUM_JOINTS
+from fin_sim.fish import Body, Fish, Link, Water
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from fin_plant.fin import Fin
+
+Clamp = Literal["free", "fixed", "towed"]
+Reactive = Literal["tip", "distributed"]
+CLAMPS = ("free", "fixed", "towed")
+REACTIVE_FORMS = ("tip", "distributed")
+# One more than the joints of a gait: a fin of 20 `midpoint` segments has 21 links.
+MAXIMUM_LINKS = MAXIMUM_JOINTS + 1
+
+# Columns of the kernel's table of links. Moments are integrals over the link of density times (distance from the
+# joint)^j: VIRTUAL_j of the virtual mass per length pi/4 rho d^2, SOLID_j of the solid mass per length.
+LINK_COLUMNS = 14
+(
+    LENGTH,
+    VIRTUAL_0,
+    VIRTUAL_1,
+    VIRTUAL_2,
+    SOLID_0,
+    SOLID_1,
+    SOLID_2,
+    ROOT_HEIGHT,
+    HEIGHT_SLOPE,
+    TIP_VIRTUAL,
+    STIFFNESS,
+    DAMPING,
+    DRIVEN,
+    RESISTIVE,
+) = range(LINK_COLUMNS)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A body with its tail in water: all that the equations of motion need.
+
+    Attributes:
+        body: The rigid body.
+        links: From the head to the tail, 1 to 21.
+        driven: For each link whether its joint is prescribed; at least one is.
+        water: The water.
+        reactive: Form of Lighthill's force, ``distributed`` (energy-consistent) or ``tip`` (the papers').
+        clamp: ``free`` body, ``fixed`` body, or ``towed`` forward at ``tow_speed``.
+        tow_speed: m/s, for ``towed``.
+
+    Raises:
+        ValueError: No link, too many, no driven joint, a passive joint whose link has no inertia, unknown names.
+    """
+
+    body: Body
+    links: tuple[Link, ...]
+    driven: tuple[bool, ...]
+    water: Water
+    reactive: Reactive = "distributed"
+    clamp: Clamp = "free"
+    tow_speed: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks.whole_number("number of links", len(self.links), 1, MAXIMUM_LINKS)
+        checks.choice("reactive", self.reactive, REACTIVE_FORMS)
+        checks.choice("clamp", self.clamp, CLAMPS)
+        checks.number("tow_speed", self.tow_speed, unit="m/s")
+        if len(self.driven) != len(self.links):
+            msg = f"driven names {len(self.driven)} joints, the chain has {len(self.links)} links: name every joint"
+            raise ValueError(msg)
+        if not any(self.driven):
+            msg = "no joint is driven: a fish needs at least one driven joint to swim"
+            raise ValueError(msg)
+
+    def link_table(self) -> NDArray[np.float64]:
+        """Return the kernel's table, shape (links, ``LINK_COLUMNS``)."""
+        return np.array(
+            [self._link_row(link, is_driven) for link, is_driven in zip(self.links, self.driven, strict=True)]
+        )
+
+    def _link_row(self, link: Link, is_driven: bool) -> list[float]:  # noqa: FBT001
+        length, slope = link.length, (link.tip_height - link.root_height) / link.length
+        virtual = 0.25 * math.pi * self.water.density
+        height = np.polynomial.Polynomial([link.root_height, slope])
+        distance = np.polynomial.Polynomial([0.0, 1.0])
+
+        def moments(density: np.polynomial.Polynomial) -> list[float]:
+            return [float((density * distance**power).integ()(length)) for power in range(3)]
+
+        return [
+            length,
+            *moments(virtual * height * height),
+            *moments(link.mass_per_area * height),
+            link.root_height,
+            slope,
+            virtual * link.tip_height**2,
+            0.0 if is_driven else link.stiffness,
+            0.0 if is_driven else link.damping,
+            float(is_driven),
+            -0.5 * self.water.density * self.water.normal_drag,
+        ]
+
+    def body_vector(self) -> NDArray[np.float64]:
+        """Return the kernel's body constants, shape (8,), in the order that `dynamics` unpacks."""
+        body, half_density = self.body, 0.5 * self.water.density
+        return np.array(
+            [
+                body.mass + body.added_surge,
+                body.mass + body.added_sway,
+                body.inertia + body.added_inertia,
+                body.added_surge - body.added_sway,
+                half_density * body.drag_area,
+                half_density * body.lift_area,
+                body.yaw_drag,
+                body.tail_offset,
+            ]
+        )
+
+    def straight_mass_matrix(self) -> NDArray[np.float64]:
+        """Return the mass matrix of sideways motion about the straight chain, shape (2 + links, 2 + links).
+
+        Coordinates: sway velocity, yaw rate and the joint rates; forward motion decouples in the straight chain.
+        """
+        count = len(self.links)
+        body = self.body_vector()
+        mass = np.zeros((2 + count, 2 + count))
+        mass[0, 0], mass[1, 1] = body[1], body[2]
+        sideways = np.zeros(2 + count)  # velocity of the link's joint normal to the chain
+        sideways[0], sideways[1] = 1.0, -self.body.tail_offset
+        turning = np.zeros(2 + count)
+        turning[1] = 1.0
+        for index, row in enumerate(self.link_table()):
+            turning[2 + index] = 1.0
+            first, second, third = row[VIRTUAL_0 : VIRTUAL_2 + 1] + row[SOLID_0 : SOLID_2 + 1]
+            mass += first * np.outer(sideways, sideways) + third * np.outer(turning, turning)
+            mass -= second * (np.outer(sideways, turning) + np.outer(turning, sideways))
+            sideways = sideways - row[LENGTH] * turning
+        return mass
+
+    def _moving(self) -> tuple[list[int], list[int]]:
+        """Return the indices of the mass matrix that move freely, and of its passive joints."""
+        passive = [2 + index for index, is_driven in enumerate(self.driven) if not is_driven]
+        return ([0, 1] if self.clamp == "free" else []) + passive, passive
+
+    def bending_frequencies(self) -> NDArray[np.float64]:
+        """Return the undamped natural frequencies in Hz of the straight tail in still water, lowest first.
+
+        The body is held; the virtual mass of the water is included. Empty for a tail without passive joints.
+        """
+        _, passive = self._moving()
+        if not passive:
+            return np.zeros(0)
+        mass = self.straight_mass_matrix()[np.ix_(passive, passive)]
+        stiffness = np.diag([link.stiffness for link, d in zip(self.links, self.driven, strict=True) if not d])
+        squares = scipy.linalg.eigh(stiffness, mass, eigvals_only=True)
+        return np.sqrt(np.maximum(squares, 0.0)) / (2.0 * math.pi)
+
+    def elastic_response(self) -> tuple[NDArray[np.float64], list[int]]:
+        """Return the accelerations that the hinges' springs and dampers cause in the straight chain.
+
+        Returns:
+            Matrix of shape (rows, 2 passive joints): its columns are the passive angles and rates, its rows the
+            accelerations of sway and yaw (free body only) and of the passive joints; and the rows' positions in the
+            kernel's vector of velocities (surge, sway, yaw, joints).
+        """
+        moving, passive = self._moving()
+        links = [link for link, is_driven in zip(self.links, self.driven, strict=True) if not is_driven]
+        load = np.zeros((len(moving), 2 * len(passive)))
+        for column, (joint, link) in enumerate(zip(passive, links, strict=True)):
+            row = moving.index(joint)
+            load[row, column], load[row, len(passive) + column] = -link.stiffness, -link.damping
+        mass = self.straight_mass_matrix()[np.ix_(moving, moving)]
+        # Scaled to a unit diagonal: the body weighs up to 1e15 times the tip of a fin that ends in a point.
+        scale = 1.0 / np.sqrt(np.diag(mass))
+        scaled = scipy.linalg.solve(scale[:, None] * mass * scale, scale[:, None] * load, assume_a="sym")
+        return scale[:, None] * scaled, [1 + index for index in moving]
+
+
+def fin_links(fin: Fin) -> tuple[tuple[Link, ...], tuple[bool, ...]]:
+    """Return the links of a fin and which of their joints is driven: the first one.
+
+    ``between``: equal segments, the first rigid with the servo, a hinge between each two. ``midpoint``: a hinge in
+    the middle of each segment, so the first link is half a segment long, rigid with the servo, and the last one too.
+    """
+    segment = fin.length / fin.segments
+    if fin.hinges == "between":
+        hinges = [segment * index for index in range(1, fin.segments)]
+    else:
+        hinges = [segment * (index + 0.5) for index in range(fin.segments)]
+    ends = [0.0, *hinges, fin.length]
+    links = []
+    for start, end in zip(ends[:-1], ends[1:], strict=True):
+        stiffness = fin.hinge_stiffness(start) if start > 0.0 else 0.0
+        links.append(
+            Link(
+                length=end - start,
+                root_height=fin.height_at(start),
+                tip_height=fin.height_at(end),
+                mass_per_area=fin.density * fin.thickness,
+                stiffness=stiffness,
+                damping=stiffness * fin.damping_time,
+            )
+        )
+    return tuple(links), (True,) + (False,) * (len(links) - 1)
+
+
+def build_chain(
+    fish: Fish,
+    fin: Fin,
+    *,
+    reactive: Reactive = "distributed",
+    clamp: Clamp = "free",
+    tow_speed: float = 0.0,
+) -> Chain:
+    """Return the chain of a fish with a fin; each link of its peduncle and the fin's root is driven.
+
+    Raises:
+        ValueError: More links than a chain can have, or an unknown name.
+    """
+    links, driven = fin_links(fin)
+    return Chain(
+        body=fish.body,
+        links=fish.peduncle + links,
+        driven=(True,) * len(fish.peduncle) + driven,
+        water=fish.water,
+        reactive=reactive,
+        clamp=clamp,
+        tow_speed=tow_speed,
+    )

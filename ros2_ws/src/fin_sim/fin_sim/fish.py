@@ -1,0 +1,208 @@
+"""The fish without its fin: body, peduncle and the water around it, as validated values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING
+
+from scipy.special import elliprd
+
+from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+WATER_DENSITY = 1000.0
+"""Fresh water, kg/m^3, as in both papers."""
+
+
+def ellipsoid_added_mass_factors(length: float, width: float, height: float) -> tuple[float, float, float]:
+    """Return the added-mass factors (surge, sway, yaw) of an ellipsoid with these full axes in m.
+
+    The added masses are the factors times the displaced mass, the added inertia is the yaw factor times the moment of
+    inertia of the displaced water. Lamb, *Hydrodynamics* (1932), articles 114 and 115, with the integrals in
+    Carlson's symmetric form: alpha_i = 2/3 a b c R_D(others, own^2).
+
+    Raises:
+        ValueError: An axis that is not a positive length.
+    """
+    a, b, c = (
+        0.5 * checks.number(name, value, 0.0, unit="m", exclusive_minimum=True)
+        for name, value in (("length", length), ("width", width), ("height", height))
+    )
+    volume = 2.0 / 3.0 * a * b * c
+    alpha = volume * float(elliprd(b * b, c * c, a * a))
+    beta = volume * float(elliprd(c * c, a * a, b * b))
+    surge = alpha / (2.0 - alpha)
+    sway = beta / (2.0 - beta)
+    if a == b:
+        return surge, sway, 0.0
+    difference, total = a * a - b * b, a * a + b * b
+    yaw = difference**2 * (beta - alpha) / (total * (2.0 * difference + total * (alpha - beta)))
+    return surge, sway, yaw
+
+
+@dataclass(frozen=True)
+class Body:
+    """Rigid body of the fish in Kirchhoff's planar model.
+
+    Attributes:
+        mass: kg.
+        added_surge: X, added mass forward, kg.
+        added_sway: Y, added mass sideways, kg.
+        inertia: J about the vertical axis through the centre of mass, kg m^2.
+        added_inertia: N, kg m^2.
+        drag_area: S C_D, wetted area times drag coefficient, m^2.
+        lift_area: S C_L, area times slope of the lift coefficient, m^2/rad.
+        yaw_drag: K_D, yaw damping moment over r |r|, N m s^2.
+        tail_offset: c, from the centre of mass back to the first joint, m.
+
+    Raises:
+        ValueError: A value that is not finite, negative, or a mass or inertia of zero.
+    """
+
+    mass: float
+    added_surge: float
+    added_sway: float
+    inertia: float
+    added_inertia: float
+    drag_area: float
+    lift_area: float
+    yaw_drag: float
+    tail_offset: float
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            positive = item.name in {"mass", "inertia"}
+            value = checks.number(f"body.{item.name}", getattr(self, item.name), 0.0, exclusive_minimum=positive)
+            object.__setattr__(self, item.name, value)
+
+    @classmethod
+    def ellipsoid(
+        cls,
+        length: float,
+        width: float,
+        height: float,
+        *,
+        drag_area: float,
+        lift_area: float,
+        yaw_drag: float,
+        tail_offset: float | None = None,
+        density: float = WATER_DENSITY,
+    ) -> Body:
+        """Return a neutrally buoyant ellipsoid with full axes in m; the tail joins at its end unless given.
+
+        Raises:
+            ValueError: As for the class.
+        """
+        surge, sway, yaw = ellipsoid_added_mass_factors(length, width, height)
+        mass = density * math.pi / 6.0 * length * width * height
+        inertia = mass * (length**2 + width**2) / 20.0
+        return cls(
+            mass=mass,
+            added_surge=surge * mass,
+            added_sway=sway * mass,
+            inertia=inertia,
+            added_inertia=yaw * inertia,
+            drag_area=drag_area,
+            lift_area=lift_area,
+            yaw_drag=yaw_drag,
+            tail_offset=0.5 * length if tail_offset is None else tail_offset,
+        )
+
+
+@dataclass(frozen=True)
+class Link:
+    """One rigid link of the tail; its joint sits at its front end.
+
+    Attributes:
+        length: m.
+        root_height: Height at the joint, m.
+        tip_height: Height at the rear end, m; linear in between.
+        mass_per_area: Solid mass over side area, kg/m^2.
+        stiffness: K of its joint, N m/rad; without meaning for a driven joint.
+        damping: D of its joint, N m s/rad.
+
+    Raises:
+        ValueError: A value that is not finite or negative, a length of zero, or no height at all.
+    """
+
+    length: float
+    root_height: float
+    tip_height: float
+    mass_per_area: float = 0.0
+    stiffness: float = 0.0
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            positive = item.name == "length"
+            value = checks.number(f"link {item.name}", getattr(self, item.name), 0.0, exclusive_minimum=positive)
+            object.__setattr__(self, item.name, value)
+        if self.root_height + self.tip_height <= 0.0:
+            msg = "link root_height and tip_height are both 0: give at least one end a height above 0 m"
+            raise ValueError(msg)
+
+
+@dataclass(frozen=True)
+class Water:
+    """The water.
+
+    Attributes:
+        density: rho, kg/m^3.
+        normal_drag: C_N, coefficient of the resistive force normal to a link.
+
+    Raises:
+        ValueError: A value that is not finite or out of range.
+    """
+
+    density: float = WATER_DENSITY
+    normal_drag: float = 1.0
+
+    def __post_init__(self) -> None:
+        checks.number("water.density", self.density, 0.0, unit="kg/m^3", exclusive_minimum=True)
+        checks.number("water.normal_drag", self.normal_drag, 0.0)
+
+
+@dataclass(frozen=True)
+class Fish:
+    """A fish as the laboratory keeps it between fins.
+
+    Attributes:
+        body: Its rigid body.
+        water: What it swims in.
+        peduncle: Driven links between the body and the fin; empty for a fin that sits on the servo's joint.
+    """
+
+    body: Body
+    water: Water = field(default_factory=Water)
+    peduncle: tuple[Link, ...] = ()
+
+    @property
+    def driven_joints(self) -> int:
+        """Number of servos: one for each peduncle link and one at the fin's root."""
+        return len(self.peduncle) + 1
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, object]) -> Fish:
+        """Build the fish from the simulator's parameters ``body.*``, ``water.*`` and ``peduncle.*``.
+
+        An added mass below 0 stands for the ellipsoid's own.
+
+        Raises:
+            ValueError: A value that is refused.
+        """
+        own = {name: value for name, value in values.items() if not isinstance(value, str)}
+        axes = [float(own[f"body.{axis}"]) for axis in ("length", "width", "height")]  # type: ignore[arg-type]
+        coefficients = {
+            name: float(own[f"body.{name}"])  # type: ignore[arg-type]
+            for name in ("drag_area", "lift_area", "yaw_drag", "tail_offset")
+        }
+        density = float(own["water.density"])  # type: ignore[arg-type]
+        body = Body.ellipsoid(*axes, density=density, **coefficients)
+        given = {item.name: own.get(f"body.{item.name}") for item in fields(Body) if item.name not in coefficients}
+        chosen = {name: float(value) for name, value in given.items() if value is not None and float(value) >= 0.0}  # type: ignore[arg-type]
+        body = Body(**{**{item.name: getattr(body, item.name) for item in fields(Body)}, **chosen})
+        water = Water(density, float(own["water.normal_drag"]))  # type: ignore[arg-type]
+        return cls(body, water, ())

@@ -1,0 +1,165 @@
+"""One swim: fin, fish, gait and duration in; arrays and the figures that a laboratory asks for out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fin_plant import checks
+from fin_plant.fin import Fin
+from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower
+from fin_plant.parameters import load_table
+from fin_sim import dynamics
+from fin_sim.chain import Chain, Clamp, Reactive, build_chain
+from fin_sim.fish import Fish
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+SIMULATOR_PARAMETERS = load_table("fin_sim", "simulator_parameters.yaml")
+PAPER_FISH = Fish.from_parameters(SIMULATOR_PARAMETERS.checked({}))
+"""The papers' fish: body of 14 cm; its numbers and their reasons stand in ``simulator_parameters.yaml``."""
+
+RAMP_TIME = 0.5
+STEP = 1e-3
+SAMPLE_TIME = 1e-2
+_DURATION_LIMIT = 1e5
+
+
+@dataclass(frozen=True)
+class Swim:
+    """What a swim did: samples over time, and figures drawn from them.
+
+    With S samples and N links the arrays are:
+
+    Attributes:
+        chain: What swam.
+        frequency: Tail-beat frequency in Hz, the first driven joint's.
+        time: s, shape (S,), from 0.
+        x: Position in the tank, m, shape (S,).
+        y: Position in the tank, m, shape (S,).
+        heading: rad, shape (S,), continuous.
+        surge: Forward velocity, m/s, shape (S,).
+        sway: Velocity to the left, m/s, shape (S,).
+        yaw_rate: rad/s, shape (S,).
+        joint_angles: rad, shape (S, N).
+        joint_rates: rad/s, shape (S, N).
+        joint_torques: Servo's or spring's and damper's, N m, shape (S, N).
+        servo_power: Mechanical power of all servos, W, shape (S,).
+        force: Of the water on the tail in tank axes, N, shape (S, 2), its inertial reaction included.
+        convective_force: The same without the reaction: convective and resistive part, N, shape (S, 2).
+    """
+
+    chain: Chain
+    frequency: float
+    time: NDArray[np.float64]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    surge: NDArray[np.float64]
+    sway: NDArray[np.float64]
+    yaw_rate: NDArray[np.float64]
+    joint_angles: NDArray[np.float64]
+    joint_rates: NDArray[np.float64]
+    joint_torques: NDArray[np.float64]
+    servo_power: NDArray[np.float64]
+    force: NDArray[np.float64]
+    convective_force: NDArray[np.float64]
+
+    @property
+    def duration(self) -> float:
+        """Length of the swim in s."""
+        return float(self.time[-1])
+
+    @cached_property
+    def mean_speed(self) -> float:
+        """Distance from start to end over the duration, m/s: the papers' mean speed over the run."""
+        return math.hypot(self.x[-1] - self.x[0], self.y[-1] - self.y[0]) / self.duration
+
+    @cached_property
+    def mean_forward_speed(self) -> float:
+        """Mean over time of the forward velocity, m/s: what is scored from the velocity topic."""
+        return float(np.mean(self.surge))
+
+
+def swim_chain(
+    chain: Chain,
+    gait: Gait,
+    duration: float,
+    *,
+    ramp_time: float = RAMP_TIME,
+    step: float = STEP,
+    sample_time: float = SAMPLE_TIME,
+) -> Swim:
+    """Swim a chain from rest; see `swim`.
+
+    Raises:
+        ValueError: A duration, ramp, step or sample time outside its range, or a gait with another number of joints.
+        StepError: The state stopped being finite.
+    """
+    duration = checks.number("duration", duration, 0.0, _DURATION_LIMIT, unit="s", exclusive_minimum=True)
+    sample_time = checks.number("sample_time", sample_time, 0.0, duration, unit="s", exclusive_minimum=True)
+    step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
+    samples = max(1, round(duration / sample_time))
+    every = math.ceil(duration / samples / step - 1e-9)
+    stepper = dynamics.Stepper(chain, duration / (samples * every), every)
+    follower = GaitFollower(sum(chain.driven), ramp_time)
+    follower.command(gait, 0.0)
+    states, records = stepper.advance(stepper.start(), follower.motion(stepper.half_step_times(samples)))
+    links, first = len(chain.links), dynamics.BODY_STATES
+    return Swim(
+        chain=chain,
+        frequency=gait.joints[0].frequency,
+        time=stepper.sample_time * np.arange(samples + 1),
+        x=states[:, dynamics.X],
+        y=states[:, dynamics.Y],
+        heading=states[:, dynamics.HEADING],
+        surge=states[:, dynamics.SURGE],
+        sway=states[:, dynamics.SWAY],
+        yaw_rate=states[:, dynamics.YAW_RATE],
+        joint_angles=states[:, first : first + links],
+        joint_rates=states[:, first + links :],
+        joint_torques=records[:, dynamics.RECORD_HEAD :],
+        servo_power=records[:, dynamics.SERVO_POWER],
+        force=records[:, [dynamics.FORCE_X, dynamics.FORCE_Y]],
+        convective_force=records[:, [dynamics.CONVECTIVE_X, dynamics.CONVECTIVE_Y]],
+    )
+
+
+def swim(
+    fin: Fin | None = None,
+    fish: Fish = PAPER_FISH,
+    gait: Gait = PAPER_GAIT,
+    duration: float = 10.0,
+    *,
+    reactive: Reactive = "distributed",
+    clamp: Clamp = "free",
+    tow_speed: float = 0.0,
+    ramp_time: float = RAMP_TIME,
+    step: float = STEP,
+    sample_time: float = SAMPLE_TIME,
+) -> Swim:
+    """Swim a fish from rest.
+
+    Args:
+        fin: The fin; the paper fin where none is given.
+        fish: The fish.
+        gait: The gait, one row for each driven joint.
+        duration: s.
+        reactive: ``distributed`` or ``tip``, see `Chain`.
+        clamp: ``free``, ``fixed`` or ``towed``.
+        tow_speed: m/s, for ``towed``.
+        ramp_time: Time in which the gait starts, s.
+        step: Longest time step, s; shortened to divide the sample time.
+        sample_time: Time between two samples, s.
+
+    Raises:
+        ValueError: An argument that is refused; the message names it.
+        StepError: The state stopped being finite.
+    """
+    chain = build_chain(fish, fin or Fin(), reactive=reactive, clamp=clamp, tow_speed=tow_speed)
+    return swim_chain(chain, gait, duration, ramp_time=ramp_time, step=step, sample_time=sample_time)
