@@ -1,0 +1,37 @@
+# Needs bash, flock (util-linux) and either ROS 2 Jazzy in /opt/ros/jazzy or a Python 3.11 to 3.13.
+SHELL := bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+
+environment := . scripts/environment.sh
+
+.PHONY: help
+help: ## show this
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
+
+.PHONY: setup
+setup: ## prepare everything: packages and the workspace; quick when nothing changed
+	@scripts/setup.sh
+
+.PHONY: demo
+demo: setup ## optimise the paper fin: 30 simulated trials, one bag each, results in runs/
+	@./run fin_optimizer bringup
+
+.PHONY: test
+test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k name" narrows them
+	@$(environment) && exec python -m pytest $(PYTEST_ARGS)
+
+.PHONY: lint
+lint: setup ## ruff, mypy in strict mode, and shellcheck where it is installed
+	@$(environment) && ruff check && ruff format --check && mypy
+	@if type -P shellcheck >/dev/null; then shellcheck run scripts/*.sh .ci/run; fi
+
+.PHONY: format
+format: setup ## let ruff format the code and mend what it can
+	@$(environment) && ruff check --fix-only && ruff format
+
+.PHONY: clean
+clean: ## remove what the set-up made: packages, the built workspace, caches; runs/ stays
+	rm -rf .venv .setup.lock .setup.log ros2_ws/build ros2_ws/install ros2_ws/log
+	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find ros2_ws/src tests -name __pycache__ -prune -exec rm -rf {} +
