@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from fin_plant.gait import COLUMNS, Gait
+from fin_plant.plant_state import PlantState, State
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -65,16 +64,6 @@ def gait_from_message(message: Float64MultiArray) -> Gait:
     return Gait.from_rows(data.reshape(-1, columns))
 
 
-class State(StrEnum):
-    """What a plant is doing."""
-
-    READY = "READY"
-    WAITING_FOR_FIN = "WAITING_FOR_FIN"
-    WAITING_FOR_RESET = "WAITING_FOR_RESET"
-    SWIMMING = "SWIMMING"
-    FAULT = "FAULT"
-
-
 _LEVELS = {
     State.READY: DiagnosticStatus.OK,
     State.SWIMMING: DiagnosticStatus.OK,
@@ -82,27 +71,6 @@ _LEVELS = {
     State.WAITING_FOR_RESET: DiagnosticStatus.WARN,
     State.FAULT: DiagnosticStatus.ERROR,
 }
-
-
-@dataclass(frozen=True)
-class PlantState:
-    """State of a plant as published on ``plant_state``.
-
-    Attributes:
-        state: What it is doing.
-        plant: What kind of plant, for example ``simulator``.
-        stamp: Time of the plant in ns at which the state began.
-        reason: Why, for FAULT and the waiting states.
-        fin: The fin mounted, as parameters by name.
-        details: Further facts, by name.
-    """
-
-    state: State
-    plant: str
-    stamp: int
-    reason: str = ""
-    fin: Mapping[str, str] = field(default_factory=dict)
-    details: Mapping[str, str] = field(default_factory=dict)
 
 
 def key_values(values: Mapping[str, object]) -> list[KeyValue]:

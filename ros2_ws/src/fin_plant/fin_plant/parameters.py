@@ -7,10 +7,11 @@ tables of the documentation, so a number lives in one place.
 from __future__ import annotations
 
 import difflib
+import importlib.util
 import math
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 import yaml
@@ -144,6 +145,10 @@ def load_table(package: str, file_name: str) -> ParameterTable:
     Raises:
         ValueError: An entry that is incomplete, or whose default its own range refuses.
     """
-    text = resources.files(package).joinpath(file_name).read_text(encoding="utf-8")
-    content = yaml.safe_load(text)
+    specification = importlib.util.find_spec(package)  # finds the folder and does not run the package
+    if specification is None or not specification.submodule_search_locations:
+        msg = f"package {package} is not installed: build the workspace and source it"
+        raise ValueError(msg)
+    path = Path(specification.submodule_search_locations[0]) / file_name
+    content = yaml.safe_load(path.read_text(encoding="utf-8"))
     return ParameterTable({name: _parameter(file_name, name, entry) for name, entry in content.items()})

@@ -1,0 +1,41 @@
+"""What a plant is doing, without any message: for state machines and reports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+class State(StrEnum):
+    """What a plant is doing."""
+
+    READY = "READY"
+    WAITING_FOR_FIN = "WAITING_FOR_FIN"
+    WAITING_FOR_RESET = "WAITING_FOR_RESET"
+    SWIMMING = "SWIMMING"
+    FAULT = "FAULT"
+
+
+@dataclass(frozen=True)
+class PlantState:
+    """State of a plant as published on ``plant_state``.
+
+    Attributes:
+        state: What it is doing.
+        plant: What kind of plant, for example ``simulator``.
+        stamp: Time of the plant in ns at which the state began. A reset or another fin begins the state anew.
+        reason: Why, for FAULT and the waiting states.
+        fin: The fin mounted, as parameters by name.
+        details: Further facts, by name.
+    """
+
+    state: State
+    plant: str
+    stamp: int
+    reason: str = ""
+    fin: Mapping[str, str] = field(default_factory=dict)
+    details: Mapping[str, str] = field(default_factory=dict)

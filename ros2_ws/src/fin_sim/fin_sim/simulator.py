@@ -1,0 +1,396 @@
+"""The simulator node: a plant whose fish swims in the model of `fin_sim.dynamics`."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
+from std_srvs.srv import Trigger
+
+from fin_plant import node_process, topics
+from fin_plant.fin import PLANT_PARAMETERS, Fin
+from fin_plant.gait import GaitFollower
+from fin_plant.messages import (
+    NANOSECONDS,
+    gait_from_message,
+    gait_message,
+    key_values,
+    plant_state_message,
+    time_message,
+)
+from fin_plant.node_parameters import NodeParameters
+from fin_plant.parameters import ParameterTable, Value
+from fin_plant.plant_state import PlantState, State
+from fin_sim import dynamics
+from fin_sim.chain import build_chain
+from fin_sim.fish import Fish
+from fin_sim.markers import fish_markers
+from fin_sim.message_template import MessageTemplate
+from fin_sim.swim import SIMULATOR_PARAMETERS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+PARAMETERS = ParameterTable({**PLANT_PARAMETERS, **SIMULATOR_PARAMETERS})
+# Samples computed and published between two looks at the callbacks: short enough that a service is answered within
+# some milliseconds, long enough that waiting for the listeners costs little.
+_SLICE = 25
+# More than this behind real time is given up, so that a machine that was asleep does not race to catch up.
+_LARGEST_LAG = 0.25
+_MARKERS_PER_SECOND = 10.0
+_CLOCK_PER_SECOND = 100.0
+# Samples that may be on their way to the slowest listener; the publishers' queues hold twice as many.
+_LARGEST_BACKLOG = topics.STREAM.depth // 2
+_ACKNOWLEDGE_WAIT = Duration(seconds=0.1)
+_NO_WAIT = Duration(seconds=0.0)
+
+
+def build_stepper(values: Mapping[str, Value]) -> dynamics.Stepper:
+    """Return the chain of these parameters, ready to be advanced from sample to sample.
+
+    Raises:
+        ValueError: A fin or a fish that cannot be.
+    """
+    fish, fin = Fish.from_parameters(values), Fin.from_parameters(values)
+    chain = build_chain(fish, fin, reactive=values["reactive"])  # type: ignore[arg-type]
+    sample_time = 1.0 / cast("float", values["sample_rate"])
+    every = math.ceil(sample_time / cast("float", values["step"]) - 1e-9)
+    return dynamics.Stepper(chain, sample_time / every, every)
+
+
+class Pace:
+    """How many samples are due by the wall clock."""
+
+    def __init__(self, sample_time: float) -> None:
+        self._sample_time = sample_time
+        self._speed = 1.0
+        self._start = time.monotonic()
+        self._done = 0
+
+    def set_speed(self, speed: float) -> None:
+        """Run at ``speed`` fish seconds a second from now on; 0 is as fast as possible."""
+        if speed != self._speed:
+            self._speed, self._start, self._done = speed, time.monotonic(), 0
+
+    def due(self) -> int:
+        """Return the number of samples to compute now, at most a slice."""
+        if self._speed == 0.0:
+            return _SLICE
+        behind = (time.monotonic() - self._start) * self._speed / self._sample_time - self._done
+        if behind * self._sample_time > _LARGEST_LAG * max(self._speed, 1.0):
+            self._start, self._done, behind = time.monotonic() - self._sample_time / self._speed, 0, 1.0
+        return min(int(behind), _SLICE)
+
+    def advance(self, samples: int) -> None:
+        """Note that so many samples were computed."""
+        self._done += samples
+
+    def wait(self) -> float:
+        """Return the seconds until the next sample is due."""
+        if self._speed == 0.0:
+            return 0.0
+        return max(0.0, self._start + (self._done + 1) * self._sample_time / self._speed - time.monotonic())
+
+
+class Simulator:
+    """The plant: takes gaits and fins, swims, publishes what the fish does."""
+
+    def __init__(self) -> None:
+        """Declare parameters, compile the kernel, offer topics and services.
+
+        Raises:
+            ValueError: A start parameter that is refused.
+        """
+        self.node = Node("simulator", namespace=topics.NAMESPACE)
+        self._parameters = NodeParameters(
+            self.node, PARAMETERS, validate=build_stepper, on_change=self._parameters_changed
+        )
+        self._values = self._parameters.values
+        self._sample_time = 1.0 / self._number("sample_rate")
+        self._stamp = time.time_ns()
+        self._pace = Pace(self._sample_time)
+        self._stepper = build_stepper(self._values)
+        self._compile()
+        self._rest()
+        self._offer()
+        self._set_state(State.READY)
+        self._publish_gait_applied()
+
+    # -- set-up ------------------------------------------------------------------------------------------------------
+
+    def _number(self, name: str) -> float:
+        return cast("float", self._values[name])
+
+    def _compile(self) -> None:
+        begin = time.monotonic()
+        joints = sum(self._stepper.chain.driven)
+        self._stepper.advance(self._stepper.start(), np.zeros((2 * self._stepper.every + 1, joints, 3)))
+        self.node.get_logger().info(f"kernel ready after {time.monotonic() - begin:.1f} s")
+
+    def _offer(self) -> None:
+        node = self.node
+        stream = [topics.JOINT_STATES, topics.POSE, topics.VELOCITY, topics.THRUST]
+        self._streams = [node.create_publisher(topic.type, topic.name, topic.qos) for topic in stream]
+        self._build_templates()
+        self._markers = node.create_publisher(topics.MARKERS.type, topics.MARKERS.name, topics.MARKERS.qos)
+        self._state_topic = node.create_publisher(
+            topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos
+        )
+        self._gait_applied = node.create_publisher(
+            topics.GAIT_APPLIED.type, topics.GAIT_APPLIED.name, topics.GAIT_APPLIED.qos
+        )
+        self._diagnostics = node.create_publisher(
+            topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, topics.DIAGNOSTICS.qos
+        )
+        self._clock = node.create_publisher(topics.CLOCK.type, topics.CLOCK.name, topics.CLOCK.qos)
+        self._last_clock = self._last_markers = -math.inf
+        self._swum = 0.0
+        self._rejected = 0
+        self._rejection = ""
+        self._last_gait = -math.inf
+        self._held_back = False
+        self._backlog = 0
+        node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
+        node.create_service(Trigger, f"~/{topics.RESET_SERVICE}", self._on_reset)
+        node.create_timer(1.0, self._publish_diagnostics)
+
+    def _build_templates(self) -> None:
+        """Learn the layout of the messages; the joints' names depend on the fin."""
+        chain = self._stepper.chain
+        tail = [f"tail_joint_{number + 1}" for number in range(sum(chain.driven))]
+        names = tail + [f"fin_hinge_{number + 1}" for number in range(len(chain.links) - len(tail))]
+        joints = len(names)
+
+        def joint_state(numbers: Sequence[float]) -> JointState:
+            message = JointState(name=names)
+            message.position, message.velocity = numbers[:joints], numbers[joints : 2 * joints]
+            message.effort = numbers[2 * joints :]
+            return message
+
+        def pose(numbers: Sequence[float]) -> PoseStamped:
+            message = PoseStamped()
+            message.header.frame_id = topics.TANK_FRAME
+            place, turn = message.pose.position, message.pose.orientation
+            place.x, place.y, turn.z, turn.w = numbers
+            return message
+
+        def velocity(numbers: Sequence[float]) -> TwistStamped:
+            message = TwistStamped()
+            message.header.frame_id = topics.BODY_FRAME
+            message.twist.linear.x, message.twist.linear.y, message.twist.angular.z = numbers
+            return message
+
+        def thrust(numbers: Sequence[float]) -> WrenchStamped:
+            message = WrenchStamped()
+            message.header.frame_id = topics.BODY_FRAME
+            message.wrench.force.x, message.wrench.force.y = numbers
+            return message
+
+        self._templates = [
+            MessageTemplate(joint_state, 3 * joints),
+            MessageTemplate(pose, 4),
+            MessageTemplate(velocity, 3),
+            MessageTemplate(thrust, 2),
+        ]
+
+    # -- state -------------------------------------------------------------------------------------------------------
+
+    def _rest(self) -> None:
+        """Put the fish at rest at the origin."""
+        self._fish_state = self._stepper.start()
+        self._follower = GaitFollower(sum(self._stepper.chain.driven), self._number("drive.ramp_time"))
+        self._fish_time = 0.0
+
+    def _set_state(self, state: State, reason: str = "") -> None:
+        self._state, self._reason = state, reason
+        self._stamp += 1  # every state has a stamp of its own, so that a listener can tell it from the one before
+        self._pace.set_speed(self._number("speed") if state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0)
+        fin = {name: _text(value) for name, value in self._values.items() if name.startswith("fin.")}
+        message = plant_state_message(PlantState(state, "simulator", self._stamp, reason, fin))
+        self._state_topic.publish(message)
+
+    def _parameters_changed(self, values: Mapping[str, Value]) -> None:
+        before, self._values = self._values, dict(values)
+        body = self._fish_state[: dynamics.BODY_STATES].copy()
+        self._stepper = build_stepper(values)
+        if len(self._fish_state) != len(self._stepper.start()):
+            self._fish_state = self._stepper.start()  # another number of hinges: they start straight
+            self._fish_state[: dynamics.BODY_STATES] = body
+            self._build_templates()
+        if values["drive.ramp_time"] != before["drive.ramp_time"]:
+            self._follower = GaitFollower(self._follower.joints, self._number("drive.ramp_time"))
+        self._set_state(self._state, self._reason)
+
+    # -- callbacks ---------------------------------------------------------------------------------------------------
+
+    def _on_gait(self, message: Float64MultiArray) -> None:
+        if self._state is State.FAULT:
+            return
+        try:
+            gait = gait_from_message(message)
+            limited = gait.limited(self._number("limits.sweep"), self._number("limits.frequency"))
+            changed = not np.array_equal(self._follower.target, limited.rows())
+            self._follower.command(limited, self._fish_time)
+        except ValueError as error:
+            self._rejected += 1
+            self._rejection = str(error)
+            self.node.get_logger().warning(f"gait refused: {error}", throttle_duration_sec=1.0)
+            return
+        self._last_gait = time.monotonic()
+        if limited.moves and self._state is not State.SWIMMING:
+            self._set_state(State.SWIMMING)
+        elif not limited.moves and self._state is State.SWIMMING:
+            self._set_state(State.READY)
+        if changed:
+            self._publish_gait_applied()
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._rest()
+        self._set_state(State.READY)
+        self._publish_gait_applied()
+        response.success = True
+        response.message = "the fish is at rest at the origin"
+        return response
+
+    # -- work --------------------------------------------------------------------------------------------------------
+
+    def step(self) -> float:
+        """Compute and publish what is due; return how long the executor may wait."""
+        if self._state is State.SWIMMING and time.monotonic() - self._last_gait > self._number("command_timeout"):
+            self._follower.stop(self._fish_time)
+            self._set_state(State.READY, "no fresh gait within command_timeout: the tail returns to neutral")
+            self.node.get_logger().warning(self._reason)
+            self._publish_gait_applied()
+        self._wait_for_listeners()
+        samples = 0 if self._held_back else self._pace.due()
+        if samples:
+            self._advance(samples)
+            self._pace.advance(samples)
+        return self._pace.wait()
+
+    def _advance(self, samples: int) -> None:
+        times = self._fish_time + self._stepper.half_step_times(samples)
+        stamps = self._stamp + np.round(self._sample_time * NANOSECONDS * np.arange(1, samples + 1)).astype(np.int64)
+        if self._state is State.FAULT:
+            self._stamp = int(stamps[-1])
+            self._publish_clock()
+            return
+        try:
+            states, records = self._stepper.advance(self._fish_state, self._follower.motion(times))
+        except dynamics.StepError as error:
+            self._rest()
+            self._set_state(State.FAULT, f"{error}; call reset")
+            self.node.get_logger().error(self._reason)
+            return
+        self._fish_time += samples * self._sample_time
+        self._stamp = int(stamps[-1])
+        self._publish(stamps, states[1:], records[1:])
+
+    def _publish(self, stamps: NDArray[np.int64], states: NDArray[np.float64], records: NDArray[np.float64]) -> None:
+        first = dynamics.BODY_STATES
+        heading = states[:, dynamics.HEADING]
+        sine, cosine = np.sin(heading), np.cos(heading)
+        force_x, force_y = records[:, dynamics.FORCE_X], records[:, dynamics.FORCE_Y]
+        rows = [
+            np.concatenate((states[:, first:], records[:, dynamics.RECORD_HEAD :]), axis=1),
+            np.stack((states[:, dynamics.X], states[:, dynamics.Y], np.sin(heading / 2), np.cos(heading / 2)), axis=1),
+            states[:, [dynamics.SURGE, dynamics.SWAY, dynamics.YAW_RATE]],
+            np.stack((force_x * cosine + force_y * sine, force_y * cosine - force_x * sine), axis=1),
+        ]
+        for publisher, template, numbers in zip(self._streams, self._templates, rows, strict=True):
+            for message in template.fill(stamps, numbers):
+                publisher.publish(message)
+        self._backlog += len(stamps)
+        if all(publisher.wait_for_all_acked(_NO_WAIT) for publisher in self._streams):
+            self._backlog = 0
+        self._publish_clock()
+        self._publish_markers(states[-1])
+        if self._state is State.SWIMMING:
+            self._swum += len(stamps) * self._sample_time
+
+    def _publish_clock(self) -> None:
+        now = time.monotonic()
+        if self._number("speed") != 1.0 and now - self._last_clock >= 1.0 / _CLOCK_PER_SECOND:
+            self._last_clock = now
+            self._clock.publish(Clock(clock=time_message(self._stamp)))
+
+    def _publish_markers(self, state: NDArray[np.float64]) -> None:
+        now = time.monotonic()
+        if now - self._last_markers < 1.0 / _MARKERS_PER_SECOND or not self._markers.get_subscription_count():
+            return
+        self._last_markers = now
+        self._markers.publish(fish_markers(self._stepper.chain, self._values, state, time_message(self._stamp)))
+
+    def _wait_for_listeners(self) -> None:
+        """Hold the fish back while a reliable listener has more than the largest backlog before it.
+
+        A listener whose queue is full does not acknowledge, so none can be outrun. One that hangs holds the fish back
+        until it is gone; the callbacks still run meanwhile.
+        """
+        if self._backlog < _LARGEST_BACKLOG:
+            return
+        if all(publisher.wait_for_all_acked(_ACKNOWLEDGE_WAIT) for publisher in self._streams):
+            self._backlog, self._held_back = 0, False
+            return
+        self._held_back = True
+        self.node.get_logger().warning("a listener does not keep up; the fish waits for it", throttle_duration_sec=5.0)
+
+    def finished(self) -> int | None:
+        """Return None: a plant runs until it is stopped."""
+        return None
+
+    def close(self) -> None:
+        """Nothing moves that has to be made safe."""
+
+    # -- reports -----------------------------------------------------------------------------------------------------
+
+    def _publish_gait_applied(self) -> None:
+        self._gait_applied.publish(gait_message(self._follower.target))
+
+    def _publish_diagnostics(self) -> None:
+        swum, self._swum = self._swum, 0.0
+        fault = self._state is State.FAULT
+        level = DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if self._held_back else DiagnosticStatus.OK
+        status = DiagnosticStatus(
+            level=level,
+            name=f"{self.node.get_fully_qualified_name()}: plant",
+            message=self._reason or self._state.value,
+            hardware_id="simulator",
+            values=key_values(
+                {
+                    "state": self._state.value,
+                    "fish_seconds_a_second": round(swum, 2),
+                    "gaits_refused": self._rejected,
+                    "last_refusal": self._rejection,
+                    "held_back_by_a_listener": self._held_back,
+                }
+            ),
+        )
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = time_message(self._stamp)
+        self._diagnostics.publish(message)
+
+
+def _text(value: Value) -> str:
+    return value if isinstance(value, str) else repr(value)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the simulator node."""
+    return node_process.run(Simulator, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
