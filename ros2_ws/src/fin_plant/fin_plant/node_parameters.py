@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from fin_plant.checks import describe_range
+from fin_plant.topics import NAMESPACE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-
-    from rclpy.node import Node
 
     from fin_plant.parameters import Parameter, ParameterTable, Value
 
@@ -47,6 +47,14 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
     return result
 
 
+def create_node(name: str) -> Node:
+    """Return a node in the fish's namespace, unless the command line asks for another.
+
+    It lets unknown parameters through to `NodeParameters`, which refuses them by name; rclpy's own refusal names none.
+    """
+    return Node(name, namespace=NAMESPACE, allow_undeclared_parameters=True)
+
+
 class NodeParameters:
     """A table's parameters on a node.
 
@@ -77,6 +85,7 @@ class NodeParameters:
         for name, value in self._values.items():
             entry = RosParameter(name, _TYPES[table[name].kind], value)
             node.declare_parameter(name, entry.value, descriptor(table[name]), ignore_override=True)
+        node.add_pre_set_parameters_callback(self._convert)
         node.add_on_set_parameters_callback(self._check)
         node.add_post_set_parameters_callback(self._accept)
 
@@ -84,6 +93,16 @@ class NodeParameters:
     def values(self) -> dict[str, Value]:
         """The values in force, by name."""
         return dict(self._values)
+
+    def _convert(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        """Take a whole number for a double: `ros2 param set` sends 2000000000 as an integer."""
+        doubles = {name for name, parameter in self._table.items() if parameter.kind == "double"}
+        return [
+            RosParameter(p.name, RosParameter.Type.DOUBLE, float(p.value))
+            if p.name in doubles and p.type_ == RosParameter.Type.INTEGER
+            else p
+            for p in parameters
+        ]
 
     def _merged(self, parameters: list[RosParameter]) -> dict[str, Value]:
         changes = {p.name: p.value for p in parameters if not p.name.startswith(_OWN_BY_RCLPY)}

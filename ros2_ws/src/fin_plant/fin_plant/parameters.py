@@ -103,7 +103,7 @@ class ParameterTable(dict[str, Parameter]):
         """
         if name not in self:
             near = difflib.get_close_matches(name, self, n=3)
-            hint = f"did you mean {' or '.join(near)}?" if near else f"known are {', '.join(self)}"
+            hint = f"did you mean {' or '.join(near)}?" if near else "`ros2 param list` shows what there is"
             msg = f"{name} is not a parameter: {hint}"
             raise ValueError(msg)
         return self[name]

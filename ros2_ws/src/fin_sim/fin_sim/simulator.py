@@ -11,7 +11,6 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
@@ -28,7 +27,7 @@ from fin_plant.messages import (
     plant_state_message,
     time_message,
 )
-from fin_plant.node_parameters import NodeParameters
+from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.parameters import ParameterTable, Value
 from fin_plant.plant_state import PlantState, State
 from fin_sim import dynamics
@@ -113,7 +112,7 @@ class Simulator:
         Raises:
             ValueError: A start parameter that is refused.
         """
-        self.node = Node("simulator", namespace=topics.NAMESPACE)
+        self.node = create_node("simulator")
         self._parameters = NodeParameters(
             self.node, PARAMETERS, validate=build_stepper, on_change=self._parameters_changed
         )
