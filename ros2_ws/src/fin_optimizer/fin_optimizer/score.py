@@ -1,0 +1,237 @@
+"""The score of a trial: mean forward speed over the measuring window, or the reason why there is none.
+
+The same function scores a trial while it runs and a bag years later. Both hand it the same stamps and the
+same doubles, and its sums are correctly rounded whatever their order, so both get the same number to the last
+digit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+NANOSECONDS = 1_000_000_000
+LONGEST_GAP = 0.5
+"""s. Longest time without a sample, also at the window's ends: half a beat of a fish that beats at 1 Hz."""
+MINIMUM_RATE = 10.0
+"""Hz, as a mean over the window. A fish surges twice a beat; five samples a surge at 1 Hz do not alias it."""
+
+FASTEST = 30.0
+"""m/s. No swimmer is faster; beyond it a model has diverged or a tracker reports in millimetres."""
+
+_KEYS = {
+    "settle": "measurement.settle_s",
+    "duration": "measurement.duration_s",
+    "block": "measurement.block_s",
+}
+_MINIMUM_SAMPLES = 2  # an average over time needs an interval, a standard deviation two values
+
+
+class ScoreError(ValueError):
+    """The samples give no score; ``reason`` says which value broke which limit."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+@dataclass(frozen=True)
+class Window:
+    """Time over which a trial is scored, by header stamps in ns; both ends belong to it.
+
+    Raises:
+        ValueError: The window does not end after it starts.
+    """
+
+    start_ns: int
+    end_ns: int
+
+    def __post_init__(self) -> None:
+        if self.end_ns <= self.start_ns:
+            msg = f"window ends at {self.end_ns} ns, which must be after its start at {self.start_ns} ns"
+            raise ValueError(msg)
+
+    @property
+    def duration(self) -> float:
+        """Length in s."""
+        return (self.end_ns - self.start_ns) / NANOSECONDS
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What part of a swim is scored. It stands in the bag's metadata, so that the bag can be scored alone.
+
+    Attributes:
+        settle: Time in s between the start of the gait and the start of the window.
+        duration: Length of the window in s.
+        block: Length in s of the blocks whose means give the spread: a beat's period, where there is one.
+
+    Raises:
+        ValueError: A value outside its range.
+    """
+
+    settle: float = 0.0
+    duration: float = 10.0
+    block: float = 1.0
+
+    def __post_init__(self) -> None:
+        day = 86_400.0
+        checks.number("settle", self.settle, 0.0, day, unit="s")
+        checks.number("duration", self.duration, 0.0, day, unit="s", exclusive_minimum=True)
+        checks.number("block", self.block, 0.0, day, unit="s", exclusive_minimum=True)
+
+    def window(self, swimming_since_ns: int) -> Window:
+        """Return the window of a swim whose gait started at the plant's time ``swimming_since_ns``, in ns."""
+        start = swimming_since_ns + round(self.settle * NANOSECONDS)
+        return Window(start, start + round(self.duration * NANOSECONDS))
+
+    def metadata(self) -> dict[str, str]:
+        """Return the entries of a bag's metadata that :meth:`from_metadata` reads; no digit is lost."""
+        return {key: repr(float(getattr(self, name))) for name, key in _KEYS.items()}
+
+    @classmethod
+    def from_metadata(cls, metadata: Mapping[str, str]) -> Measurement:
+        """Return the measurement that a bag's metadata describes.
+
+        Raises:
+            ScoreError: An entry is missing, no number or out of range.
+        """
+        missing = [key for key in _KEYS.values() if key not in metadata]
+        if missing:
+            msg = f"metadata lack {', '.join(missing)}: they do not say which part of the swim counts"
+            raise ScoreError(msg)
+        try:
+            return cls(**{name: float(metadata[key]) for name, key in _KEYS.items()})
+        except ValueError as error:
+            msg = f"metadata measurement.*: {error}"
+            raise ScoreError(msg) from error
+
+
+@dataclass(frozen=True)
+class Score:
+    """What a trial achieved.
+
+    Attributes:
+        value: Mean forward speed in m/s.
+        samples: Number of samples in the window.
+        spread: Standard deviation in m/s of the mean speeds of the window's whole blocks (n - 1 in the
+            denominator); NaN where it is not defined, with fewer than two whole blocks or a block of fewer
+            than two samples. With blocks of one beat the beat's own oscillation is not counted.
+        longest_gap: Longest time in s between neighbouring samples of the window.
+    """
+
+    value: float
+    samples: int
+    spread: float
+    longest_gap: float
+
+
+def score(
+    stamps_ns: NDArray[np.int64], forward_speed: NDArray[np.float64], window: Window, *, block: float = 1.0
+) -> Score:
+    """Return the mean forward speed over the window.
+
+    The mean is the trapezoidal time average between the first and the last sample of the window: distance
+    swum over time needed, which is what a laboratory reads off a ruler and a stop-watch. A plain mean of the
+    samples would favour times at which a tracker delivered more of them, and counts the first and the last
+    sample twice as much as their share of the time; with even sampling they agree but for those half samples.
+
+    Args:
+        stamps_ns: Header stamps in ns, shape (n,), strictly increasing. They may reach beyond the window.
+        forward_speed: Speed in m/s along the body's x axis, shape (n,). Outside the window it may be NaN.
+        window: What counts.
+        block: Length in s of the blocks whose means give the spread.
+
+    Raises:
+        ScoreError: Arrays that do not fit each other, stamps that repeat or run backwards, too few samples
+            (MINIMUM_RATE), a gap longer than LONGEST_GAP, also at the window's ends, or a value that is not
+            finite or beyond FASTEST.
+    """
+    _check_order(stamps_ns, forward_speed)
+    inside = (stamps_ns >= window.start_ns) & (stamps_ns <= window.end_ns)
+    stamps, speed = stamps_ns[inside], forward_speed[inside]
+    needed = max(_MINIMUM_SAMPLES, math.ceil(MINIMUM_RATE * window.duration))
+    if stamps.size < needed:
+        msg = (
+            f"window of {window.duration:g} s holds {stamps.size} of {stamps_ns.size} velocity samples: "
+            f"needed are at least {needed} ({MINIMUM_RATE:g} a second)"
+        )
+        raise ScoreError(msg)
+    longest_gap = _check_gaps(stamps, window)
+    unusable = np.flatnonzero(~(np.abs(speed) <= FASTEST))  # written so that NaN is unusable too
+    if unusable.size:
+        first = int(unusable[0])
+        msg = (
+            f"forward speed is {speed[first]:g} m/s {_after(stamps[first], window)}, and {unusable.size} of "
+            f"{speed.size} samples are not finite or beyond {FASTEST:g} m/s: all in the window must be usable"
+        )
+        raise ScoreError(msg)
+    spread = _spread(stamps, speed, window, block)
+    return Score(_time_average(stamps, speed), int(stamps.size), spread, longest_gap)
+
+
+def _check_order(stamps: NDArray[np.int64], speed: NDArray[np.float64]) -> None:
+    """Refuse arrays of other shapes or types than described, and stamps that do not increase."""
+    if stamps.ndim != 1 or stamps.shape != speed.shape or not np.issubdtype(stamps.dtype, np.integer):
+        got = f"stamps {stamps.dtype}{stamps.shape} and speeds {speed.dtype}{speed.shape}"
+        msg = f"{got} must be one integer stamp and one speed a sample, both (n,)"
+        raise ScoreError(msg)
+    wrong = np.flatnonzero(np.diff(stamps) <= 0)
+    if wrong.size:
+        index = int(wrong[0])
+        before, after = int(stamps[index]), int(stamps[index + 1])
+        back = (before - after) / NANOSECONDS
+        what = f"runs back by {back:g} s" if back else "repeats the one before"
+        msg = f"velocity's stamp {after} ns of sample {index + 1} {what}: stamps must increase"
+        raise ScoreError(msg)
+
+
+def _check_gaps(stamps: NDArray[np.int64], window: Window) -> float:
+    """Return the longest time between neighbouring samples in s; refuse one above the limit."""
+    edges = np.concatenate(([window.start_ns], stamps, [window.end_ns]))
+    gaps = np.diff(edges)
+    longest = int(np.argmax(gaps))
+    if gaps[longest] > LONGEST_GAP * NANOSECONDS:
+        msg = (
+            f"no velocity for {gaps[longest] / NANOSECONDS:g} s from {_after(edges[longest], window)}: "
+            f"allowed are {LONGEST_GAP:g} s"
+        )
+        raise ScoreError(msg)
+    return float(gaps[1:-1].max()) / NANOSECONDS
+
+
+def _after(stamp: np.int64, window: Window) -> str:
+    return f"{(int(stamp) - window.start_ns) / NANOSECONDS:g} s into the window"
+
+
+def _time_average(stamps: NDArray[np.int64], speed: NDArray[np.float64]) -> float:
+    """Return the trapezoidal time average; its sum is correctly rounded, whatever the order."""
+    interval = np.diff(stamps)
+    weight = np.concatenate((interval, [0])) + np.concatenate(([0], interval))
+    return math.fsum((speed * weight).tolist()) / (2 * int(stamps[-1] - stamps[0]))
+
+
+def _spread(stamps: NDArray[np.int64], speed: NDArray[np.float64], window: Window, block: float) -> float:
+    """Return the standard deviation of the means of the window's whole blocks in m/s, NaN where undefined."""
+    length = round(block * NANOSECONDS)
+    count = (window.end_ns - window.start_ns) // length
+    if count < _MINIMUM_SAMPLES:
+        return math.nan
+    edges = window.start_ns + length * np.arange(count + 1)
+    first = np.searchsorted(stamps, edges[:-1], side="left")
+    last = np.searchsorted(stamps, edges[1:], side="right")
+    if np.any(last - first < _MINIMUM_SAMPLES):
+        return math.nan
+    means = [_time_average(stamps[a:b], speed[a:b]) for a, b in zip(first, last, strict=True)]
+    centre = math.fsum(means) / count
+    return math.sqrt(math.fsum((mean - centre) ** 2 for mean in means) / (count - 1))
