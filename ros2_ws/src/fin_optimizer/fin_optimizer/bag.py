@@ -1,0 +1,590 @@
+"""Bags of trials: rosbag2 bags in MCAP that survive a kill, and their reading, without ROS.
+
+A bag is a folder ``<name>/`` with ``<name>_0.mcap`` and ``metadata.yaml`` (version 9), as ``ros2 bag`` writes
+and plays it. The usual writers keep up to 1 MiB in memory, which is a whole trial; this one puts each second
+on the disk. What describes the trial (design, seed, versions) stands at the start of the MCAP file, where a
+kill cannot take it away, and in the ``custom_data`` of ``metadata.yaml``.
+
+A message is logged at its own header stamp, and one without a header at the newest stamp that the plant had
+reached. So a swim that ran fifty times faster than real time is played back at the fish's own pace.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import time
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Protocol, Self, cast
+
+import numpy as np
+import yaml
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2.metadata import dump_qos_v9
+from rosbags.typesys import Stores, get_typestore
+from zstandard import ZstdError
+
+from fin_optimizer.score import NANOSECONDS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from mcap.records import McapRecord
+    from numpy.typing import NDArray
+    from rosbags.interfaces import Qos
+    from rosbags.typesys.store import Typestore
+
+CHUNK_SIZE = 32 * 1024
+"""Bytes of a chunk before compression: about 0.4 s of a swim in real time."""
+FLUSH_PERIOD = 1.0
+"""s of wall time. What a kill or a power cut can take away at most."""
+TRIAL_RECORD = "trial"
+"""Name of the MCAP metadata record that describes the trial."""
+BAG_VERSION = 9
+ROS_DISTRIBUTION = "jazzy"
+
+_VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
+_HEADER_TYPE = "std_msgs/msg/Header"
+_STAMP_END = 12  # bytes: 4 of CDR encapsulation, 4 of seconds, 4 of nanoseconds
+_LITTLE_ENDIAN, _BIG_ENDIAN = struct.Struct("<iI"), struct.Struct(">iI")
+_MAGIC_SIZE = 8
+_RECORD_HEAD = struct.Struct("<BQ")  # an MCAP record's opcode and length
+
+
+class BagError(RuntimeError):
+    """A bag cannot be written or read; ``reason`` says which, why, and what to do."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+class TwistStampedLike(Protocol):
+    """The part of a decoded geometry_msgs/TwistStamped that a score needs."""
+
+    header: Any
+    twist: Any
+
+
+@dataclass(frozen=True)
+class BagTopic:
+    """A topic to record.
+
+    Attributes:
+        name: Absolute name, for example ``/fish/velocity``.
+        type_name: Message type, for example ``geometry_msgs/msg/TwistStamped``.
+        qos: What its publisher offers, so that a player can offer the same.
+    """
+
+    name: str
+    type_name: str
+    qos: Qos
+
+
+@dataclass(frozen=True)
+class BagSummary:
+    """What a closed bag holds.
+
+    Attributes:
+        path: Folder of the bag.
+        counts: Number of messages by topic, also of topics without any.
+        start_ns: Log time of the earliest message in ns since the epoch, 0 in an empty bag.
+        duration_ns: Time in ns from the earliest to the latest message.
+    """
+
+    path: Path
+    counts: Mapping[str, int]
+    start_ns: int
+    duration_ns: int
+
+    @property
+    def message_count(self) -> int:
+        """Number of messages of all topics."""
+        return sum(self.counts.values())
+
+
+@cache
+def message_types() -> Typestore:
+    """Return the message definitions of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def has_header(type_name: str) -> bool:
+    """Return whether messages of that type start with a std_msgs/Header."""
+    fields = message_types().fielddefs[type_name][1]
+    return bool(fields) and fields[0][1][1] == _HEADER_TYPE
+
+
+def header_stamp(data: bytes) -> int:
+    """Return the header stamp in ns of a serialised message that starts with a std_msgs/Header.
+
+    Raises:
+        BagError: Fewer bytes than a header has.
+    """
+    if len(data) < _STAMP_END:
+        msg = f"message of {len(data)} bytes is too short for a header, which needs {_STAMP_END}"
+        raise BagError(msg)
+    byte_order = _LITTLE_ENDIAN if data[1] & 1 else _BIG_ENDIAN
+    seconds, nanoseconds = byte_order.unpack_from(data, 4)
+    return int(seconds * NANOSECONDS + nanoseconds)
+
+
+def decode(data: bytes, type_name: str) -> Any:
+    """Return the message that serialised bytes hold."""
+    return message_types().deserialize_cdr(data, type_name)
+
+
+def velocity_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return header stamps in ns and forward speeds in m/s, both (n,), of serialised TwistStamped."""
+    stamps = np.fromiter(map(header_stamp, messages), dtype=np.int64, count=len(messages))
+    twists = (cast("TwistStampedLike", decode(data, _VELOCITY_TYPE)) for data in messages)
+    speeds = np.fromiter((item.twist.linear.x for item in twists), dtype=np.float64, count=len(messages))
+    return stamps, speeds
+
+
+# Writing
+
+
+class BagWriter:
+    """Writes one bag; use it in a ``with`` statement, which closes it readable on every way out.
+
+    Args:
+        path: Folder of the bag, made here. Its parents are made where missing.
+        topics: What will be recorded.
+        metadata: What describes the trial. Numbers as ``repr`` writes them keep all their digits.
+        newest_stamp_ns: Time in ns that the plant had reached before, for messages without a header that come
+            before the first one with a header.
+
+    Raises:
+        BagError: The folder exists, cannot be made, or a message type is not known.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Sequence[BagTopic],
+        metadata: Mapping[str, str],
+        *,
+        newest_stamp_ns: int | None = None,
+    ) -> None:
+        self.path = path
+        self._topics = {topic.name: topic for topic in topics}
+        self._metadata = dict(metadata)
+        self._newest = newest_stamp_ns
+        self._held: list[tuple[str, bytes]] = []
+        self._summary: BagSummary | None = None
+        self._counts = dict.fromkeys(self._topics, 0)
+        self._earliest: int | None = None
+        self._latest = 0
+        self._with_header = {topic.name: self._known_type(topic) for topic in topics}
+        with self._failing("make"):
+            path.mkdir(parents=True)
+            self._file = (path / f"{path.name}_0.mcap").open("xb")
+        self._mcap = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+        self._flushed_at = time.monotonic()
+        try:
+            with self._failing("write"):
+                self._channels = self._start()
+        except BagError:
+            self._undo()
+            raise
+
+    @staticmethod
+    def _known_type(topic: BagTopic) -> bool:
+        if topic.type_name not in message_types().fielddefs:
+            msg = f"topic {topic.name} has the type {topic.type_name}, which ROS 2 Jazzy does not define"
+            raise BagError(msg)
+        return has_header(topic.type_name)
+
+    def _undo(self) -> None:
+        """Remove the bag that could not be started, so that its name is free again."""
+        self._release()
+        with suppress(OSError):
+            (self.path / f"{self.path.name}_0.mcap").unlink()
+            self.path.rmdir()
+
+    def _start(self) -> dict[str, int]:
+        """Write header, trial, schemas and channels; return the channels' numbers by topic."""
+        self._mcap.start(profile="ros2", library=f"fin_optimizer, mcap {version('mcap')}")
+        self._mcap.add_metadata(TRIAL_RECORD, self._metadata)
+        types = message_types()
+        schemas: dict[str, int] = {}
+        channels = {}
+        for topic in self._topics.values():
+            if topic.type_name not in schemas:
+                definition = types.generate_msgdef(topic.type_name, ros_version=2)[0].encode()
+                schemas[topic.type_name] = self._mcap.register_schema(topic.type_name, "ros2msg", definition)
+            channel_metadata = {
+                "offered_qos_profiles": yaml.safe_dump(dump_qos_v9([topic.qos]), sort_keys=False),
+                "topic_type_hash": types.hash_rihs01(topic.type_name),
+            }
+            schema = schemas[topic.type_name]
+            channels[topic.name] = self._mcap.register_channel(topic.name, "cdr", schema, channel_metadata)
+        self._to_disk()
+        _sync_folder(self.path)
+        _sync_folder(self.path.parent)
+        return channels
+
+    def write(self, topic: str, data: bytes) -> None:
+        """Append a serialised message of a topic, named absolutely.
+
+        Raises:
+            BagError: Unknown topic, closed bag, message too short for its header, or the disk refuses.
+        """
+        if topic not in self._channels:
+            msg = f"topic {topic} is not recorded in {self.path}: recorded are {', '.join(self._topics)}"
+            raise BagError(msg)
+        if self._summary is not None:
+            msg = f"bag {self.path} is closed: {topic} came too late"
+            raise BagError(msg)
+        stamp = header_stamp(data) if self._with_header[topic] else None
+        if stamp is not None and stamp >= 0:  # log times are unsigned; a clock before 1970 tells nothing
+            self._newest = stamp if self._newest is None else max(stamp, self._newest)
+        else:
+            stamp = self._newest
+        if stamp is None:
+            self._held.append((topic, data))
+            return
+        with self._failing("write"):
+            self._write_held(stamp)
+            self._add(topic, data, stamp)
+        self.flush_if_due()
+
+    def _write_held(self, stamp: int) -> None:
+        """Write the messages without a header that came before the plant's time was known."""
+        held, self._held = self._held, []
+        for topic, data in held:
+            self._add(topic, data, stamp)
+
+    def _add(self, topic: str, data: bytes, stamp: int) -> None:
+        self._earliest = stamp if self._earliest is None else min(stamp, self._earliest)
+        self._latest = max(stamp, self._latest)
+        self._mcap.add_message(self._channels[topic], stamp, data, stamp, self._counts[topic])
+        self._counts[topic] += 1
+
+    def flush_if_due(self) -> None:
+        """Put everything on the disk if FLUSH_PERIOD has passed since the last time.
+
+        Raises:
+            BagError: The disk refuses.
+        """
+        if time.monotonic() - self._flushed_at >= FLUSH_PERIOD:
+            self.flush()
+
+    def flush(self) -> None:
+        """Put everything written so far on the disk, as a whole chunk.
+
+        Raises:
+            BagError: The disk refuses.
+        """
+        with self._failing("write"):
+            self._to_disk()
+
+    def _to_disk(self) -> None:
+        self._mcap.flush()
+        os.fsync(self._file.fileno())
+        self._flushed_at = time.monotonic()
+
+    def close(self) -> BagSummary:
+        """Write index and ``metadata.yaml``; a second call only returns the summary again.
+
+        Raises:
+            BagError: The disk refuses. The bag is then closed, but has no index: what is on the disk can be
+                read by :func:`read_bag`.
+        """
+        if self._summary is not None:
+            return self._summary
+        try:
+            with self._failing("close"):
+                # Without any stamp the bag's own moment is the best that is known.
+                self._write_held(time.time_ns() if self._newest is None else self._newest)
+                summary = self._present()
+                information = self._information(summary)
+                self._mcap.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
+                self._mcap.finish()
+                self._file.flush()
+                os.fsync(self._file.fileno())
+                self._file.close()
+                _write_whole(self.path / "metadata.yaml", _yaml({"rosbag2_bagfile_information": information}))
+        finally:
+            self._summary = self._present()
+            self._release()
+        return summary
+
+    def _present(self) -> BagSummary:
+        """Return what was written so far."""
+        start = self._latest if self._earliest is None else self._earliest
+        return BagSummary(self.path, dict(self._counts), start, self._latest - start)
+
+    def _release(self) -> None:
+        """Give the file back; what it could not put on the disk was reported before."""
+        with suppress(OSError):
+            self._file.close()
+
+    def _information(self, summary: BagSummary) -> dict[str, object]:
+        """Return the content of metadata.yaml."""
+        types = message_types()
+        topics = [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": dump_qos_v9([topic.qos]),
+                    "type_description_hash": types.hash_rihs01(topic.type_name),
+                },
+                "message_count": summary.counts[topic.name],
+            }
+            for topic in self._topics.values()
+        ]
+        extent = {
+            "duration": {"nanoseconds": summary.duration_ns},
+            "starting_time": {"nanoseconds_since_epoch": summary.start_ns},
+            "message_count": summary.message_count,
+        }
+        file_name = f"{self.path.name}_0.mcap"
+        return {
+            "version": BAG_VERSION,
+            "storage_identifier": "mcap",
+            **extent,
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file_name],
+            "files": [{"path": file_name, **extent}],
+            "custom_data": dict(self._metadata),
+            "ros_distro": ROS_DISTRIBUTION,
+        }
+
+    @contextmanager
+    def _failing(self, verb: str) -> Iterator[None]:
+        """Turn what the operating system refuses into a BagError that names the bag."""
+        try:
+            yield
+        except FileExistsError as error:
+            msg = f"bag {self.path} exists already and is not overwritten: choose another name or move it"
+            raise BagError(msg) from error
+        except OSError as error:
+            count = sum(self._counts.values())
+            msg = f"cannot {verb} bag {self.path}: {error.strerror or error} (after {count} messages)"
+            raise BagError(msg) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+class _PlainDumper(yaml.SafeDumper):
+    """Writes a list that occurs twice twice: rosbag2's reader wants no references."""
+
+    def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002  (PyYAML asks for it)
+        return True
+
+
+def _yaml(content: object) -> str:
+    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True)
+
+
+def _write_whole(path: Path, text: str) -> None:
+    """Write a file so that a power cut leaves the whole of it or nothing."""
+    temporary = path.with_name(path.name + ".tmp")
+    with temporary.open("w", encoding="utf-8") as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+    _sync_folder(path.parent)
+
+
+def _sync_folder(path: Path) -> None:
+    """Put a folder's entries on the disk: without it a power cut can lose a file that was written well."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+# Reading
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag on the disk; its messages are read when asked for.
+
+    Attributes:
+        path: The MCAP file.
+        metadata: What describes the trial.
+        topics: Message type by absolute topic name.
+        counts: Number of messages by absolute topic name.
+        complete: Whether it was closed. If not, the last moments before a kill are missing.
+    """
+
+    path: Path
+    metadata: Mapping[str, str]
+    topics: Mapping[str, str]
+    counts: Mapping[str, int]
+    complete: bool
+
+    def topic(self, name: str) -> str:
+        """Return the absolute name of the topic that is called ``name`` or ends with ``/name``.
+
+        Raises:
+            BagError: There is none, or there are several.
+        """
+        found = [topic for topic in self.topics if topic == name or topic.endswith(f"/{name}")]
+        if len(found) != 1:
+            known = ", ".join(found or self.topics) or "none at all"
+            msg = f"bag {self.path} has {len(found)} topics {name!r}, needed is one: it has {known}"
+            raise BagError(msg)
+        return found[0]
+
+    def messages(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
+        """Yield absolute topic, log time in ns and serialised message of the topics, as recorded.
+
+        Raises:
+            BagError: No such topic, or damaged bytes.
+        """
+        wanted = {self.topic(name) for name in names}
+        channels: dict[int, str] = {}
+        for record in _records(self.path):
+            if isinstance(record, Channel) and record.topic in wanted:
+                channels[record.id] = record.topic
+            elif isinstance(record, Message) and record.channel_id in channels:
+                yield channels[record.channel_id], record.log_time, record.data
+
+    def decoded(self, name: str) -> Iterator[tuple[int, Any]]:
+        """Yield log time in ns and decoded message of one topic.
+
+        Raises:
+            BagError: No such topic, or damaged bytes.
+        """
+        type_name = self.topics[self.topic(name)]
+        for _, log_time, data in self.messages(name):
+            yield log_time, decode(data, type_name)
+
+    def velocity(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return header stamps in ns and forward speeds in m/s of ``velocity``, both (n,).
+
+        Raises:
+            BagError: No such topic, another type, or damaged bytes.
+        """
+        name = self.topic("velocity")
+        if self.topics[name] != _VELOCITY_TYPE:
+            msg = f"topic {name} of bag {self.path} is {self.topics[name]}, needed is {_VELOCITY_TYPE}"
+            raise BagError(msg)
+        return velocity_samples([data for _, _, data in self.messages(name)])
+
+
+def read_bag(path: Path) -> Bag:
+    """Return the bag in a folder (or an MCAP file), also one that a kill left open.
+
+    Raises:
+        BagError: There is no bag, or its bytes are damaged.
+    """
+    file = _mcap_file(path)
+    metadata: dict[str, str] = {}
+    schemas: dict[int, str] = {}
+    channels: dict[int, Channel] = {}
+    counts: dict[int, int] = {}
+    for record in _records(file):
+        if isinstance(record, Message):
+            counts[record.channel_id] += 1
+        elif isinstance(record, Metadata) and record.name == TRIAL_RECORD:
+            metadata = record.metadata
+        elif isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            channels[record.id] = record
+            counts.setdefault(record.id, 0)
+    return Bag(
+        path=file,
+        metadata=metadata,
+        topics={channel.topic: schemas[channel.schema_id] for channel in channels.values()},
+        counts={channel.topic: counts[number] for number, channel in channels.items()},
+        complete=_whole_records(file)[1],
+    )
+
+
+def bag_metadata(path: Path) -> dict[str, str]:
+    """Return what describes the trial of a bag.
+
+    Raises:
+        BagError: There is no bag, or its bytes are damaged.
+    """
+    for record in _records(_mcap_file(path)):
+        if isinstance(record, Metadata) and record.name == TRIAL_RECORD:
+            return record.metadata
+    return {}
+
+
+def read_velocity(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return header stamps in ns and forward speeds in m/s of a bag's ``velocity``, both (n,).
+
+    Raises:
+        BagError: There is no bag or no such topic, or its bytes are damaged.
+    """
+    return read_bag(path).velocity()
+
+
+def _mcap_file(path: Path) -> Path:
+    """Return the one MCAP file that a path means."""
+    if path.is_file():
+        return path
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else []
+    if len(files) != 1:
+        what = f"{len(files)} MCAP files" if path.is_dir() else "neither folder nor file"
+        msg = f"{path} is no bag of a trial: it is {what}; give the folder that holds one .mcap file"
+        raise BagError(msg)
+    return files[0]
+
+
+def _whole_records(path: Path) -> tuple[int, bool]:
+    """Return the length in bytes of a file's whole records, and whether they end as a closed file does."""
+    size = path.stat().st_size
+    end = _MAGIC_SIZE
+    with path.open("rb") as file:
+        while end + _RECORD_HEAD.size <= size:
+            file.seek(end)
+            opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
+            after = end + _RECORD_HEAD.size + length
+            if opcode == 0 or after > size:  # a power cut can leave zeros where data were not yet written
+                return end, False
+            end = after
+            if opcode == Opcode.FOOTER:
+                return end + _MAGIC_SIZE, end + _MAGIC_SIZE <= size
+    return end, False
+
+
+def _records(path: Path) -> Iterator[McapRecord]:
+    """Yield the records of an MCAP file up to its end or to where a kill cut it off.
+
+    Raises:
+        BagError: The file cannot be read, or bytes inside it are damaged.
+    """
+    try:
+        length, complete = _whole_records(path)
+        with path.open("rb") as file:
+            content = io.BytesIO(file.read(length))
+        try:
+            yield from StreamReader(content, validate_crcs=True).records
+        except EndOfFile:
+            if complete or content.tell() < length:
+                raise
+    except OSError as error:
+        msg = f"cannot read bag {path}: {error.strerror or error}"
+        raise BagError(msg) from error
+    except (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError) as error:
+        msg = f"bag {path} is damaged: {type(error).__name__} {error}; its messages cannot be trusted"
+        raise BagError(msg) from error
