@@ -33,8 +33,8 @@ if [[ :$AMENT_PREFIX_PATH: != *":$fin_root/ros2_ws/install/fin_plant:"* ]]; then
     . "$fin_root/ros2_ws/install/setup.bash"
 fi
 
-# Nodes on one machine find each other within 0.2 s instead of up to 3 s, and nobody else's nodes join in.
-export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$fin_root/scripts/fastdds_profile.xml}
+# Nodes on one machine find each other within 0.2 s instead of 3 s, and nobody else's nodes join in.
+export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$fin_root/ros2_ws/install/fin_plant/share/fin_plant/config/fastdds_profile.xml}
 export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
 
 eval "$fin_options"

@@ -1,0 +1,252 @@
+"""Records a plant's topics to bags, one bag a trial, without losing or delaying a message.
+
+A callback only puts the serialised bytes aside and empties its queue in one go: faster than real time a plant
+sends tens of thousands of messages a second, and an executor's own work for each single one would be ten
+times as much. A thread compresses them, writes them and waits for the disk.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+from fin_optimizer.bag import (
+    BagError,
+    BagSummary,
+    BagTopic,
+    BagWriter,
+    has_header,
+    header_stamp,
+    velocity_samples,
+)
+from fin_plant.topics import RECORDED_TOPICS, VELOCITY, Topic
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+    from rclpy.duration import Duration
+    from rclpy.node import Node
+    from rclpy.subscription import Subscription
+
+WRITE_PERIOD = 0.1
+"""s between two visits of the writing thread; messages wait in memory no longer."""
+TAKEN_AT_ONCE = 500
+"""Messages of one topic that a callback takes before other callbacks have their turn."""
+
+
+class Recorder:
+    """Listens to a plant's topics from the start, and writes what it hears while a bag is open.
+
+    Call it from the thread that spins the node. It works with any executor.
+
+    Args:
+        node: Node that subscribes; the topics' names are relative to its namespace.
+        topics: What to record.
+    """
+
+    def __init__(self, node: Node, topics: Sequence[Topic[Any]] = RECORDED_TOPICS) -> None:
+        self._node = node
+        self._queue: deque[tuple[str, bytes]] = deque()
+        self._ears = {topic.name: _Ear(node, topic, self._queue) for topic in topics}
+        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="recorder")
+        self._closing = threading.Event()
+        self._job: Future[BagSummary] | None = None
+
+    def unmatched(self, required: Iterable[Topic[Any]]) -> list[str]:
+        """Return the names of those topics that have no publisher yet."""
+        return [topic.name for topic in required if not self._ear(topic).subscription.get_publisher_count()]
+
+    def received(self, topic: Topic[Any]) -> int:
+        """Return how many messages of a topic have come since the recorder began to listen."""
+        return self._ear(topic).received
+
+    def newest_stamp(self, topic: Topic[Any] = VELOCITY) -> int | None:
+        """Return the header stamp in ns of the last message of a topic; None before the first one.
+
+        Raises:
+            ValueError: The topic's messages have no header, or it is not recorded.
+        """
+        ear = self._ear(topic)
+        if not ear.with_header:
+            msg = f"messages of {topic.name} ({topic.type_name}) have no header, so they have no stamp"
+            raise ValueError(msg)
+        return None if ear.last is None else header_stamp(ear.last)
+
+    @property
+    def failure(self) -> str | None:
+        """Why the open bag can no longer be written; None while all is well."""
+        if self._job is None or not self._job.done():
+            return None
+        error = self._job.exception()
+        return None if error is None else str(error)
+
+    def open(self, path: Path, metadata: Mapping[str, str]) -> None:
+        """Start a bag. What latched topics said before stands at its beginning.
+
+        Args:
+            path: Folder of the bag, which must not exist.
+            metadata: What describes the trial.
+
+        Raises:
+            BagError: A bag is open, the folder exists, or the disk refuses.
+        """
+        if self._job is not None:
+            msg = f"cannot open bag {path}: the recorder still writes another one, close it first"
+            raise BagError(msg)
+        for ear in self._ears.values():
+            ear.take_waiting()
+        ears = self._ears.values()
+        stamps = [header_stamp(ear.last) for ear in ears if ear.with_header and ear.last is not None]
+        topics = [BagTopic(ear.name, ear.topic.type_name, _bag_qos(ear.topic.qos)) for ear in ears]
+        writer = BagWriter(path, topics, metadata, newest_stamp_ns=max(stamps, default=None))
+        self._queue.clear()
+        self._closing.clear()
+        for ear in ears:
+            ear.start()
+        self._job = self._thread.submit(self._write, writer)
+
+    def velocity_samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return header stamps in ns and forward speeds in m/s, both (n,), of the bag opened last.
+
+        They are read from the bytes that are in the bag, so they are what the bag gives.
+        """
+        return velocity_samples(self._ear(VELOCITY).kept)
+
+    def close(self) -> BagSummary:
+        """End the bag with every message that has arrived, and return what it holds.
+
+        Raises:
+            BagError: No bag is open, or a write failed. The recorder can open the next bag all the same.
+        """
+        if self._job is None:
+            msg = "no bag is open"
+            raise BagError(msg)
+        for ear in self._ears.values():
+            ear.take_waiting()
+            ear.stop()
+        self._closing.set()
+        job, self._job = self._job, None
+        try:
+            return job.result()
+        finally:
+            self._queue.clear()
+
+    def destroy(self) -> None:
+        """Close an open bag and stop listening.
+
+        Raises:
+            BagError: A write failed.
+        """
+        try:
+            if self._job is not None:
+                self.close()
+        finally:
+            self._thread.shutdown()
+            for ear in self._ears.values():
+                self._node.destroy_subscription(ear.subscription)
+
+    def _ear(self, topic: Topic[Any]) -> _Ear:
+        if topic.name not in self._ears:
+            msg = f"topic {topic.name} is not recorded: recorded are {', '.join(self._ears)}"
+            raise ValueError(msg)
+        return self._ears[topic.name]
+
+    def _write(self, writer: BagWriter) -> BagSummary:
+        """Write what the callbacks put aside until the recorder closes (in the recorder's thread)."""
+        with writer:
+            closing = False
+            while not closing:
+                closing = self._closing.wait(WRITE_PERIOD)
+                while self._queue:
+                    writer.write(*self._queue.popleft())
+                writer.flush_if_due()
+        return writer.close()
+
+
+class _Ear:
+    """Listens to one topic; ``queue`` gets its messages while a bag is open."""
+
+    def __init__(self, node: Node, topic: Topic[Any], queue: deque[tuple[str, bytes]]) -> None:
+        self.topic = topic
+        self.with_header = has_header(topic.type_name)
+        self.received = 0
+        self.last: bytes | None = None
+        self.kept: list[bytes] = []
+        self._queue = queue
+        self._recording = False
+        self.subscription: Subscription = node.create_subscription(
+            topic.type, topic.name, self._receive, _every_message(topic.qos), raw=True
+        )
+        self.name = str(self.subscription.topic_name)
+
+    @property
+    def _latched(self) -> bool:
+        return bool(self.topic.qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+    def start(self) -> None:
+        """Record from now on, beginning with what a latched topic said last."""
+        self.kept = []
+        self._recording = True
+        if self._latched and self.last is not None:
+            self._record(self.last)
+
+    def stop(self) -> None:
+        """Record no longer."""
+        self._recording = False
+
+    def take_waiting(self) -> None:
+        """Take messages that have arrived, without waiting for the executor's next turn."""
+        for _ in range(TAKEN_AT_ONCE):
+            taken = self.subscription.handle.take_message(self.topic.type, True)  # noqa: FBT003  (raw; a C++ function)
+            if taken is None:
+                return
+            self._keep(taken[0])
+
+    def _receive(self, data: bytes) -> None:
+        self._keep(data)
+        self.take_waiting()
+
+    def _keep(self, data: bytes) -> None:
+        self.received += 1
+        self.last = data
+        if self._recording:
+            self._record(data)
+
+    def _record(self, data: bytes) -> None:
+        self._queue.append((self.name, data))
+        if self.topic.name == VELOCITY.name:
+            self.kept.append(data)
+
+
+def _every_message(offered: QoSProfile) -> QoSProfile:
+    """Return what to ask for so that no message of a publisher with that offer is lost."""
+    return QoSProfile(
+        reliability=offered.reliability, durability=offered.durability, history=HistoryPolicy.KEEP_ALL
+    )
+
+
+def _bag_qos(qos: QoSProfile) -> Qos:
+    """Return a quality of service as bags hold it."""
+    return Qos(
+        QosHistory[qos.history.name],
+        qos.depth,
+        QosReliability[qos.reliability.name],
+        QosDurability[qos.durability.name],
+        _bag_time(qos.deadline),
+        _bag_time(qos.lifespan),
+        QosLiveliness[qos.liveliness.name],
+        _bag_time(qos.liveliness_lease_duration),
+        qos.avoid_ros_namespace_conventions,
+    )
+
+
+def _bag_time(duration: Duration) -> QosTime:
+    return QosTime(*divmod(duration.nanoseconds, 1_000_000_000))
