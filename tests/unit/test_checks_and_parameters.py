@@ -3,11 +3,12 @@
 import math
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
 from fin_plant import checks
 from fin_plant.fin import PLANT_PARAMETERS
 from fin_plant.parameters import Parameter, ParameterTable
-from hypothesis import given
-from hypothesis import strategies as st
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True))

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+
 from fin_plant.fin import Fin
 
 
@@ -54,4 +55,4 @@ def test_a_fin_that_cannot_be_is_refused_by_name_value_and_range(name: str, valu
 @pytest.mark.parametrize("extent", ["length", "height"])
 def test_a_fin_thicker_than_long_or_high_is_refused(extent: str) -> None:
     with pytest.raises(ValueError, match=rf"fin.thickness = 0.02 m must be less than fin.{extent} = 0.015 m"):
-        Fin(thickness=0.02, **{extent: 0.015})
+        Fin(thickness=0.02, **{extent: 0.015})  # type: ignore[arg-type]

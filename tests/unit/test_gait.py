@@ -4,10 +4,11 @@ import math
 
 import numpy as np
 import pytest
-from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
+from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive
 
 RAMP = 0.5
 
@@ -42,7 +43,7 @@ def test_rate_and_acceleration_are_the_angles_derivatives_through_any_changes(
     follower, now, step = GaitFollower(1, RAMP), 0.0, 1e-4
     pieces = []
     for drive, wait in [*changes, (changes[0][0], 1.0)]:
-        times = now + step * np.arange(round(wait / step) + 1)
+        times = now + step * np.arange(round(wait / step) + 1, dtype=np.float64)
         pieces.append((times, follower.motion(times)[:, 0]))
         now = float(times[-1])
         follower.command(Gait((drive,)), now)

@@ -61,9 +61,7 @@ def number(
     return result
 
 
-def whole_number(
-    name: str, value: object, minimum: int = 0, maximum: int | None = None, *, advice: str = ""
-) -> int:
+def whole_number(name: str, value: object, minimum: int = 0, maximum: int | None = None, *, advice: str = "") -> int:
     """Return ``value`` as an int inside ``[minimum, maximum]``.
 
     Raises:

@@ -80,7 +80,12 @@ def key_values(values: Mapping[str, object]) -> list[KeyValue]:
 
 def plant_state_message(plant_state: PlantState) -> DiagnosticStatus:
     """Return the message of a plant's state."""
-    values = {"stamp_ns": plant_state.stamp, "reason": plant_state.reason, **plant_state.fin, **plant_state.details}
+    values = {
+        "stamp_ns": plant_state.stamp,
+        "reason": plant_state.reason,
+        **plant_state.fin,
+        **plant_state.details,
+    }
     return DiagnosticStatus(
         level=_LEVELS[plant_state.state],
         name="plant_state",

@@ -19,7 +19,7 @@ import yaml
 from fin_plant import checks
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
 Value = float | int | bool | str | list[float] | list[str]
 Kind = Literal["double", "integer", "bool", "string", "double_array", "string_array"]
@@ -48,32 +48,37 @@ class Parameter:
         Raises:
             ValueError: Wrong type, not finite, out of range or not one of the choices.
         """
-        match self.kind:
-            case "double":
-                return self._number(value)
-            case "integer":
-                upper = None if math.isinf(self.maximum) else int(self.maximum)
-                lower = -(2**63) if math.isinf(self.minimum) else int(self.minimum)
-                return checks.whole_number(self.name, value, lower, upper)
-            case "bool":
-                if not isinstance(value, bool):
-                    msg = f"{self.name} = {value!r} must be true or false"
-                    raise ValueError(msg)
-                return value
-            case "string":
-                if self.choices:
-                    return checks.choice(self.name, value, self.choices)
-                if not isinstance(value, str):
-                    msg = f"{self.name} = {value!r} must be a text"
-                    raise ValueError(msg)
-                return value
-            case "double_array":
-                return [self._number(item) for item in self._items(value)]
-            case "string_array":
-                return [str(item) for item in self._items(value)]
+        checkers: dict[Kind, Callable[[object], Value]] = {
+            "double": self._number,
+            "integer": self._whole_number,
+            "bool": self._truth,
+            "string": self._text,
+            "double_array": lambda items: [self._number(item) for item in self._items(items)],
+            "string_array": lambda items: [str(item) for item in self._items(items)],
+        }
+        return checkers[self.kind](value)
 
     def _number(self, value: object) -> float:
         return checks.number(self.name, value, self.minimum, self.maximum, unit=self.unit)  # type: ignore[arg-type]
+
+    def _whole_number(self, value: object) -> int:
+        lower = -(2**63) if math.isinf(self.minimum) else int(self.minimum)
+        upper = None if math.isinf(self.maximum) else int(self.maximum)
+        return checks.whole_number(self.name, value, lower, upper)
+
+    def _truth(self, value: object) -> bool:
+        if not isinstance(value, bool):
+            msg = f"{self.name} = {value!r} must be true or false"
+            raise ValueError(msg)
+        return value
+
+    def _text(self, value: object) -> str:
+        if self.choices:
+            return checks.choice(self.name, value, self.choices)
+        if not isinstance(value, str):
+            msg = f"{self.name} = {value!r} must be a text"
+            raise ValueError(msg)
+        return value
 
     def _items(self, value: object) -> list[object]:
         if isinstance(value, str) or not hasattr(value, "__iter__"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, TypeVar, cast
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,6 +43,6 @@ import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when it is imported)
 
 def kernel(function: FunctionT) -> FunctionT:
     """Compile a function of numbers and arrays; the machine code is cached, the interpreter lock released."""
-    cached = bool(numba.config.CACHE_DIR)
-    options = {"cache": cached, "nogil": True, "error_model": "numpy", "fastmath": _FAST_MATH}
-    return numba.njit(**options)(function)  # type: ignore[no-any-return]
+    cached = "NUMBA_CACHE_DIR" in os.environ
+    compiled = numba.njit(cache=cached, nogil=True, error_model="numpy", fastmath=_FAST_MATH)(function)
+    return cast("FunctionT", compiled)

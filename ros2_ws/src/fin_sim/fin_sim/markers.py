@@ -36,9 +36,9 @@ def _pose(x: float, y: float, heading: float) -> Pose:
     return pose
 
 
-def _marker(stamp: Time, number: int, shape: int, pose: Pose, size: tuple[float, ...], colour: ColorRGBA) -> Marker:
+def _marker(number: int, shape: int, pose: Pose, size: tuple[float, ...], colour: ColorRGBA) -> Marker:
     marker = Marker(ns="fish", id=number, type=shape, action=Marker.ADD, pose=pose, color=colour)
-    marker.header.stamp, marker.header.frame_id = stamp, TANK_FRAME
+    marker.header.frame_id = TANK_FRAME
     marker.scale.x, marker.scale.y, marker.scale.z = size
     return marker
 
@@ -54,7 +54,7 @@ def fish_markers(chain: Chain, values: Mapping[str, Value], state: NDArray[np.fl
     """
     x, y, heading = (float(state[index]) for index in (X, Y, HEADING))
     axes = tuple(cast("float", values[f"body.{axis}"]) for axis in ("length", "width", "height"))
-    markers = [_marker(stamp, 0, Marker.SPHERE, _pose(x, y, heading), axes, _BODY_COLOUR)]
+    markers = [_marker(0, Marker.SPHERE, _pose(x, y, heading), axes, _BODY_COLOUR)]
     x -= chain.body.tail_offset * math.cos(heading)
     y -= chain.body.tail_offset * math.sin(heading)
     for number, (link, driven) in enumerate(zip(chain.links, chain.driven, strict=True), start=1):
@@ -62,6 +62,8 @@ def fish_markers(chain: Chain, values: Mapping[str, Value], state: NDArray[np.fl
         half_x, half_y = 0.5 * link.length * math.cos(heading), 0.5 * link.length * math.sin(heading)
         size = (link.length, _LEAST_THICKNESS, 0.5 * (link.root_height + link.tip_height))
         colour = _SERVO_COLOUR if driven else _FIN_COLOUR
-        markers.append(_marker(stamp, number, Marker.CUBE, _pose(x - half_x, y - half_y, heading), size, colour))
+        markers.append(_marker(number, Marker.CUBE, _pose(x - half_x, y - half_y, heading), size, colour))
         x, y = x - 2.0 * half_x, y - 2.0 * half_y
+    for marker in markers:
+        marker.header.stamp = stamp
     return MarkerArray(markers=markers)

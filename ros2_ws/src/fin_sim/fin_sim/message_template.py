@@ -41,7 +41,7 @@ class MessageTemplate:
         marks = -1.234567890123e-200 * (1.0 + np.arange(numbers))
         pattern: bytes = serialize_message(build(marks.tolist()))
         self._row = np.frombuffer(pattern, dtype=np.uint8)
-        self._places = []
+        self._places: list[int] = []
         for mark in marks:
             if pattern.count(mark.tobytes()) != 1:
                 msg = f"number {len(self._places) + 1} of {numbers} must stand in the message exactly once"

@@ -215,7 +215,9 @@ class Simulator:
     def _set_state(self, state: State, reason: str = "") -> None:
         self._state, self._reason = state, reason
         self._stamp += 1  # every state has a stamp of its own, so that a listener can tell it from the one before
-        self._pace.set_speed(self._number("speed") if state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0)
+        self._pace.set_speed(
+            self._number("speed") if state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0
+        )
         fin = {name: _text(value) for name, value in self._values.items() if name.startswith("fin.")}
         message = plant_state_message(PlantState(state, "simulator", self._stamp, reason, fin))
         self._state_topic.publish(message)
@@ -304,7 +306,10 @@ class Simulator:
         force_x, force_y = records[:, dynamics.FORCE_X], records[:, dynamics.FORCE_Y]
         rows = [
             np.concatenate((states[:, first:], records[:, dynamics.RECORD_HEAD :]), axis=1),
-            np.stack((states[:, dynamics.X], states[:, dynamics.Y], np.sin(heading / 2), np.cos(heading / 2)), axis=1),
+            np.stack(
+                (states[:, dynamics.X], states[:, dynamics.Y], np.sin(heading / 2), np.cos(heading / 2)),
+                axis=1,
+            ),
             states[:, [dynamics.SURGE, dynamics.SWAY, dynamics.YAW_RATE]],
             np.stack((force_x * cosine + force_y * sine, force_y * cosine - force_x * sine), axis=1),
         ]
