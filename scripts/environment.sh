@@ -34,7 +34,7 @@ if [[ :$AMENT_PREFIX_PATH: != *":$fin_root/ros2_ws/install/fin_plant:"* ]]; then
 fi
 
 # Nodes on one machine find each other within 0.2 s instead of 3 s, and nobody else's nodes join in.
-export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$fin_root/ros2_ws/install/fin_plant/share/fin_plant/config/fastdds_profile.xml}
+export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$fin_root/ros2_ws/src/fin_plant/fin_plant/fast_dds_profile.xml}
 export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
 
 eval "$fin_options"
