@@ -144,6 +144,11 @@ class Link:
             msg = "link root_height and tip_height are both 0: give at least one end a height above 0 m"
             raise ValueError(msg)
 
+    @property
+    def area(self) -> float:
+        """Side area in m^2."""
+        return 0.5 * (self.root_height + self.tip_height) * self.length
+
 
 @dataclass(frozen=True)
 class Water:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,9 +13,9 @@ from fin_plant.parameters import load_table
 from fin_sim import dynamics
 from fin_sim.chain import Chain, Clamp, Reactive, build_chain
 from fin_sim.fish import Fish
+from fin_sim.swim_result import Swim
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+__all__ = ["PAPER_FISH", "SIMULATOR_PARAMETERS", "Swim", "swim", "swim_chain"]
 
 SIMULATOR_PARAMETERS = load_table("fin_sim", "simulator_parameters.yaml")
 PAPER_FISH = Fish.from_parameters(SIMULATOR_PARAMETERS.checked({}))
@@ -28,62 +25,6 @@ RAMP_TIME = 0.5
 STEP = 1e-3
 SAMPLE_TIME = 1e-2
 _DURATION_LIMIT = 1e5
-
-
-@dataclass(frozen=True)
-class Swim:
-    """What a swim did: samples over time, and figures drawn from them.
-
-    With S samples and N links the arrays are:
-
-    Attributes:
-        chain: What swam.
-        frequency: Tail-beat frequency in Hz, the first driven joint's.
-        time: s, shape (S,), from 0.
-        x: Position in the tank, m, shape (S,).
-        y: Position in the tank, m, shape (S,).
-        heading: rad, shape (S,), continuous.
-        surge: Forward velocity, m/s, shape (S,).
-        sway: Velocity to the left, m/s, shape (S,).
-        yaw_rate: rad/s, shape (S,).
-        joint_angles: rad, shape (S, N).
-        joint_rates: rad/s, shape (S, N).
-        joint_torques: Servo's or spring's and damper's, N m, shape (S, N).
-        servo_power: Mechanical power of all servos, W, shape (S,).
-        force: Of the water on the tail in tank axes, N, shape (S, 2), its inertial reaction included.
-        convective_force: The same without the reaction: convective and resistive part, N, shape (S, 2).
-    """
-
-    chain: Chain
-    frequency: float
-    time: NDArray[np.float64]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    heading: NDArray[np.float64]
-    surge: NDArray[np.float64]
-    sway: NDArray[np.float64]
-    yaw_rate: NDArray[np.float64]
-    joint_angles: NDArray[np.float64]
-    joint_rates: NDArray[np.float64]
-    joint_torques: NDArray[np.float64]
-    servo_power: NDArray[np.float64]
-    force: NDArray[np.float64]
-    convective_force: NDArray[np.float64]
-
-    @property
-    def duration(self) -> float:
-        """Length of the swim in s."""
-        return float(self.time[-1])
-
-    @cached_property
-    def mean_speed(self) -> float:
-        """Distance from start to end over the duration, m/s: the papers' mean speed over the run."""
-        return math.hypot(self.x[-1] - self.x[0], self.y[-1] - self.y[0]) / self.duration
-
-    @cached_property
-    def mean_forward_speed(self) -> float:
-        """Mean over time of the forward velocity, m/s: what is scored from the velocity topic."""
-        return float(np.mean(self.surge))
 
 
 def swim_chain(
@@ -113,7 +54,8 @@ def swim_chain(
     links, first = len(chain.links), dynamics.BODY_STATES
     return Swim(
         chain=chain,
-        frequency=gait.joints[0].frequency,
+        gait=gait,
+        ramp_time=ramp_time,
         time=stepper.sample_time * np.arange(samples + 1),
         x=states[:, dynamics.X],
         y=states[:, dynamics.Y],

@@ -1,0 +1,212 @@
+"""Case files: one swim with every parameter written out, as JSON, so that another solver can repeat it.
+
+The file holds an object ``case``: ``rho`` and ``normal_drag`` (water), ``body`` and ``links`` with the attributes of
+`Body` and `Link`, ``joints`` (each ``{"drive": {amplitude, frequency, phase, bias}}`` or ``{"passive": true}``),
+``ramp`` and ``duration`` in s, ``clamp`` (``free``, ``fixed`` or ``{"tow": m/s}``) and ``reactive``. SI units, radians.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import MISSING, dataclass, fields
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from fin_plant import checks
+from fin_plant.gait import Gait, JointDrive
+from fin_sim.chain import Chain
+from fin_sim.fish import Body, Link, Water
+from fin_sim.swim import swim_chain
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from fin_sim.swim_result import Swim
+
+ValueT = TypeVar("ValueT", Body, Link, JointDrive)
+
+_KEYS = {"rho", "normal_drag", "body", "links", "joints", "ramp", "duration", "clamp", "reactive"}
+_MEANS_OVER = 2
+# Intervals of a trajectory file; a held fish is sampled finer, since its forces are what is asked of it.
+_FREE_ROWS, _HELD_ROWS = 200, 800
+SAMPLES_A_ROW = 5
+"""A case is sampled this much more densely than it is written, for its means over beats."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A swim with every parameter.
+
+    Attributes:
+        chain: Body, tail and water.
+        gait: One row for each driven joint.
+        ramp_time: s.
+        duration: s.
+    """
+
+    chain: Chain
+    gait: Gait
+    ramp_time: float
+    duration: float
+
+    def swim(self, *, step: float = 1e-3) -> Swim:
+        """Swim the case, sampled `SAMPLES_A_ROW` times as densely as a trajectory file.
+
+        Raises:
+            ValueError: A duration or ramp outside its range.
+            StepError: The state stopped being finite.
+        """
+        rows = _FREE_ROWS if self.chain.clamp == "free" else _HELD_ROWS
+        return swim_chain(
+            self.chain,
+            self.gait,
+            self.duration,
+            ramp_time=self.ramp_time,
+            step=step,
+            sample_time=self.duration / (SAMPLES_A_ROW * rows),
+        )
+
+
+def _object(where: str, value: object, allowed: set[str], required: set[str]) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        msg = f"{where} must be an object with the keys {', '.join(sorted(required))}, got {value!r}"
+        raise ValueError(msg)  # noqa: TRY004  (bad input is a ValueError everywhere)
+    missing, unknown = required - value.keys(), value.keys() - allowed
+    if missing or unknown:
+        problem = f"lacks {', '.join(sorted(missing))}" if missing else f"has unknown {', '.join(sorted(unknown))}"
+        msg = f"{where} {problem}: its keys are {', '.join(sorted(allowed))}"
+        raise ValueError(msg)
+    return value
+
+
+def _build(kind: type[ValueT], where: str, value: object) -> ValueT:
+    names = {item.name for item in fields(kind)}
+    required = {item.name for item in fields(kind) if item.default is MISSING}
+    try:
+        return kind(**_object(where, value, names, required))
+    except ValueError as error:
+        message = str(error)
+        msg = message if message.startswith(where) else f"{where}: {message}"
+        raise ValueError(msg) from None
+
+
+def _array(where: str, value: object) -> list[object]:
+    if not isinstance(value, list):
+        msg = f"{where} must be a list, got {value!r}"
+        raise ValueError(msg)  # noqa: TRY004
+    return value
+
+
+def parse_case(content: object) -> Case:
+    """Return the case of a parsed JSON file, or of its ``case`` object alone.
+
+    Raises:
+        ValueError: A key that is missing or unknown, or a value that is refused.
+    """
+    case = content["case"] if isinstance(content, dict) and "case" in content else content
+    case = _object("case", case, _KEYS, _KEYS)
+    links = tuple(_build(Link, f"link {i}", item) for i, item in enumerate(_array("case links", case["links"]), 1))
+    driven, drives = [], []
+    for number, item in enumerate(_array("case joints", case["joints"]), start=1):
+        where = f"joint {number}"
+        joint = _object(where, item, {"drive", "passive"}, set())
+        if ("drive" in joint) == (joint.get("passive") is True):
+            msg = f'{where} must be {{"drive": ...}} or {{"passive": true}}, got {item!r}'
+            raise ValueError(msg)
+        driven.append("drive" in joint)
+        if driven[-1]:
+            drives.append(_build(JointDrive, where, joint["drive"]))
+    clamp, tow_speed = case["clamp"], 0.0
+    if isinstance(clamp, dict):
+        clamp, tow_speed = "towed", _object("case clamp", clamp, {"tow"}, {"tow"})["tow"]
+    chain = Chain(
+        body=_build(Body, "case body", case["body"]),
+        links=links,
+        driven=tuple(driven),
+        water=Water(
+            checks.number("case rho", case["rho"], 0.0, unit="kg/m^3", exclusive_minimum=True),
+            checks.number("case normal_drag", case["normal_drag"], 0.0),
+        ),
+        reactive=case["reactive"],
+        clamp=clamp,
+        tow_speed=checks.number("case clamp tow", tow_speed, unit="m/s"),
+    )
+    return Case(
+        chain=chain,
+        gait=Gait(tuple(drives)),
+        ramp_time=checks.number("case ramp", case["ramp"], 0.0, unit="s"),
+        duration=checks.number("case duration", case["duration"], 0.0, unit="s", exclusive_minimum=True),
+    )
+
+
+def read_case(path: Path) -> Case:
+    """Read a case file.
+
+    Raises:
+        ValueError: The file is not JSON, or its case is refused; the message names the file.
+        OSError: The file cannot be read.
+    """
+    try:
+        return parse_case(json.loads(path.read_text(encoding="utf-8")))
+    except ValueError as error:  # JSON's and Unicode's own errors among them
+        msg = f"{path}: {error}"
+        raise ValueError(msg) from None
+
+
+def summary(swim: Swim) -> dict[str, float]:
+    """Return the figures that are compared between solvers.
+
+    ``mean_speed`` m/s and ``final_psi`` rad; for a held or towed body ``mean_thrust_last_two_periods``, the mean
+    convective and resistive force on the tail along x in N, and ``mean_power_last_two_periods`` of the servos in W.
+    As in the reference cases the two means run by trapezoids over those rows of the trajectory file that lie in the
+    last two periods, up to a row less than two periods: `Swim.mean_thrust` and `Swim.mean_servo_power` take the beats
+    exactly.
+
+    Raises:
+        ValueError: A held or towed swim shorter than two periods.
+    """
+    figures = {"mean_speed": swim.mean_speed, "final_psi": float(swim.heading[-1])}
+    if swim.chain.clamp != "free":
+        if swim.frequency == 0.0 or swim.duration * swim.frequency < _MEANS_OVER * (1.0 - 1e-9):
+            msg = (
+                f"duration = {swim.duration:g} s holds less than {_MEANS_OVER} tail beats at {swim.frequency:g} Hz: "
+                "let it beat for longer"
+            )
+            raise ValueError(msg)
+        time = swim.time[::SAMPLES_A_ROW]
+        chosen = time >= time[-1] - _MEANS_OVER / swim.frequency - 1e-9
+        for name, values in (("thrust", swim.convective_force[:, 0]), ("power", swim.servo_power)):
+            mean = np.trapezoid(values[::SAMPLES_A_ROW][chosen], time[chosen]) / np.ptp(time[chosen])
+            figures[f"mean_{name}_last_two_periods"] = float(mean)
+    return figures
+
+
+def write_trajectory(swim: Swim, path: Path, *, every: int = SAMPLES_A_ROW) -> None:
+    """Write t, x, y, psi, theta_k, servo power, and the tail's convective and resistive force in tank axes as CSV.
+
+    Args:
+        swim: The swim.
+        path: The file; it must not exist.
+        every: Samples from one row to the next.
+
+    Raises:
+        FileExistsError: The file exists.
+        OSError: The file cannot be written.
+    """
+    angles = [f"theta{index}" for index in range(len(swim.chain.links))]
+    with path.open("x", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["t", "x", "y", "psi", *angles, "power", "tip_force_x", "tip_force_y"])
+        for row in range(0, len(swim.time), every):
+            numbers = (
+                swim.time[row],
+                swim.x[row],
+                swim.y[row],
+                swim.heading[row],
+                *swim.joint_angles[row],
+                swim.servo_power[row],
+                *swim.convective_force[row],
+            )
+            writer.writerow([f"{number:.9e}" for number in numbers])
