@@ -121,6 +121,46 @@ def carangiform(amplitude: float, frequency: float) -> Gait:
     return Gait((JointDrive(amplitude, frequency),))
 
 
+# Amplitude relative to the tail joint's, and phase behind the joint in front, rad: the reference swims with two
+# driven joints use 8 and 14 degrees, 0.9 rad apart. Three joints rise evenly to the same end.
+_SUB_CARANGIFORM_AMPLITUDES = {2: (0.57, 1.0), 3: (0.3, 0.65, 1.0)}
+_SUB_CARANGIFORM_LAG = 0.9
+
+
+def sub_carangiform(amplitude: float, frequency: float, joints: int = 2, lag: float = _SUB_CARANGIFORM_LAG) -> Gait:
+    """Return the gait of a tail with a peduncle: amplitude rises and phase lags from joint to joint towards the tail.
+
+    Args:
+        amplitude: Of the last joint, the fin's, in rad.
+        frequency: Hz.
+        joints: Driven joints, 2 or 3.
+        lag: Phase of a joint behind the one in front of it, rad.
+
+    Raises:
+        ValueError: Another number of joints, or a drive that is refused.
+    """
+    checks.whole_number("driven joints of a sub-carangiform gait", joints, 2, 3)
+    rising = _SUB_CARANGIFORM_AMPLITUDES[joints]
+    return Gait(
+        tuple(JointDrive(part * amplitude, frequency, phase=-lag * index) for index, part in enumerate(rising))
+    )
+
+
+def gait_preset(name: str, joints: int, amplitude: float, frequency: float) -> Gait:
+    """Return the named gait, ``carangiform`` or ``sub_carangiform``, for a tail with so many driven joints.
+
+    Raises:
+        ValueError: An unknown name, or a gait that does not fit that tail.
+    """
+    checks.choice("gait", name, ("carangiform", "sub_carangiform"))
+    if name == "sub_carangiform":
+        return sub_carangiform(amplitude, frequency, joints)
+    if joints != 1:
+        msg = f"a carangiform tail has 1 driven joint, this one has {joints}: choose the gait sub_carangiform"
+        raise ValueError(msg)
+    return carangiform(amplitude, frequency)
+
+
 PAPER_GAIT = carangiform(math.radians(15.0), 0.9)
 """Drive of the paper fin: 15 degrees either way (both papers) at 0.9 Hz (Clark et al. 2012)."""
 
@@ -141,6 +181,28 @@ def smooth_step(x: NDArray[np.float64]) -> NDArray[np.float64]:
     curvature = 60.0 * inside * (1.0 - inside) * (1.0 - 2.0 * inside)
     integral = square * square * (2.5 + inside * (inside - 3.0)) + np.maximum(x - 1.0, 0.0)
     return np.stack((value, slope, curvature, integral))
+
+
+def three_level(
+    argument: NDArray[np.float64], amplitude: NDArray[np.float64], bias: NDArray[np.float64], limit: float
+) -> NDArray[np.float64]:
+    """Return the wave of a tail that knows left (1), off (0) and right (-1) only, as relays drive it.
+
+    The on-windows are centred on the strokes' peaks; their widths are 2 asin((amplitude + bias) / limit) on the left
+    and 2 asin((amplitude - bias) / limit) on the right, the fractions kept in [0, 1]: amplitude becomes duty, bias
+    becomes asymmetry.
+
+    Args:
+        argument: The sine's argument 2 pi f t + phase, rad, any shape.
+        amplitude: rad, same shape.
+        bias: rad, same shape.
+        limit: Angle at which a stroke fills its half beat, rad, above 0.
+    """
+    sine = np.sin(argument)
+    left, right = (np.clip((amplitude + side * bias) / limit, 0.0, 1.0) for side in (1.0, -1.0))
+    is_left, is_right = sine > np.sqrt(1.0 - left**2), -sine > np.sqrt(1.0 - right**2)
+    wave: NDArray[np.float64] = is_left.astype(float) - is_right.astype(float)
+    return wave
 
 
 @dataclass(frozen=True)
@@ -263,6 +325,20 @@ class GaitFollower:
         source[resting, 1:3] = target[resting, 1:3]
         angle = np.where(resting, target[:, 2], angle)
         self._transitions.append(_Transition(start, self._ramp_time, source, target, angle))
+
+    def levels(self, times: Sequence[float] | NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+        """Return the gait as a `three_level` wave, shape (times, joints); ``limit`` in rad as there."""
+        at = np.asarray(times, dtype=float)
+        result = np.zeros((len(at), self.joints))
+        for transition in self._transitions:
+            chosen = at >= transition.start
+            if math.isfinite(transition.start) and chosen.any():
+                elapsed = at[chosen] - transition.start
+                done = smooth_step(elapsed / transition.ramp_time)[0] if transition.ramp_time else np.ones_like(elapsed)
+                now = transition.source + (transition.target - transition.source) * done[:, None, None]
+                argument = transition.sample(at[chosen])[1]
+                result[chosen] = three_level(argument, now[:, :, 0], now[:, :, 3], limit)
+        return result
 
     def _current(self, time: float) -> _Transition:
         begun = [transition for transition in self._transitions if transition.start <= time]

@@ -34,6 +34,8 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
         description=f"{parameter.description} [{parameter.unit or '-'}]",
         additional_constraints=", ".join(parameter.choices) or parameter.reason,
         read_only=parameter.read_only,
+        # rclpy takes an empty array for one of bytes and would refuse doubles ever after; the table checks the type.
+        dynamic_typing=parameter.kind.endswith("_array"),
     )
     bounded = parameter.minimum > -float("inf") and parameter.maximum < float("inf")
     if bounded and parameter.kind == "double":

@@ -210,4 +210,20 @@ class Fish:
         chosen = {name: float(value) for name, value in given.items() if value is not None and float(value) >= 0.0}  # type: ignore[arg-type]
         body = Body(**{**{item.name: getattr(body, item.name) for item in fields(Body)}, **chosen})
         water = Water(density, float(own["water.normal_drag"]))  # type: ignore[arg-type]
-        return cls(body, water, ())
+        return cls(body, water, _peduncle(values))
+
+
+def _peduncle(values: Mapping[str, object]) -> tuple[Link, ...]:
+    """Return the links of the arrays ``peduncle.*``, one entry a link.
+
+    Raises:
+        ValueError: Arrays of different lengths, or a value that is refused.
+    """
+    names = ("length", "root_height", "tip_height", "mass_per_area")
+    columns = {name: list(values.get(f"peduncle.{name}", ())) for name in names}  # type: ignore[call-overload]
+    sizes = {f"peduncle.{name}": len(column) for name, column in columns.items()}
+    if len(set(sizes.values())) > 1:
+        shown = ", ".join(f"{name} {size}" for name, size in sizes.items())
+        msg = f"the peduncle's arrays have different numbers of entries ({shown}): give one entry a link in each"
+        raise ValueError(msg)
+    return tuple(Link(*row) for row in zip(*columns.values(), strict=True))

@@ -35,6 +35,7 @@ from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
 from fin_sim.markers import fish_markers
 from fin_sim.message_template import MessageTemplate
+from fin_sim.servo import Servo, TailDrive
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
@@ -60,8 +61,9 @@ def build_stepper(values: Mapping[str, Value]) -> dynamics.Stepper:
     """Return the chain of these parameters, ready to be advanced from sample to sample.
 
     Raises:
-        ValueError: A fin or a fish that cannot be.
+        ValueError: A fin, a fish or a servo that cannot be.
     """
+    Servo.from_parameters(values)
     fish, fin = Fish.from_parameters(values), Fin.from_parameters(values)
     chain = build_chain(fish, fin, reactive=values["reactive"])  # type: ignore[arg-type]
     sample_time = 1.0 / cast("float", values["sample_rate"])
@@ -209,8 +211,13 @@ class Simulator:
     def _rest(self) -> None:
         """Put the fish at rest at the origin."""
         self._fish_state = self._stepper.start()
-        self._follower = GaitFollower(sum(self._stepper.chain.driven), self._number("drive.ramp_time"))
+        self._neutral()
         self._fish_time = 0.0
+
+    def _neutral(self) -> None:
+        """Put the tail at neutral, without a gait."""
+        self._follower = GaitFollower(sum(self._stepper.chain.driven), self._number("drive.ramp_time"))
+        self._tail = TailDrive(self._follower, Servo.from_parameters(self._values))
 
     def _set_state(self, state: State, reason: str = "") -> None:
         self._state, self._reason = state, reason
@@ -230,8 +237,10 @@ class Simulator:
             self._fish_state = self._stepper.start()  # another number of hinges: they start straight
             self._fish_state[: dynamics.BODY_STATES] = body
             self._build_templates()
-        if values["drive.ramp_time"] != before["drive.ramp_time"]:
-            self._follower = GaitFollower(self._follower.joints, self._number("drive.ramp_time"))
+        joints_changed = sum(self._stepper.chain.driven) != self._follower.joints
+        if joints_changed or values["drive.ramp_time"] != before["drive.ramp_time"]:
+            self._neutral()
+        self._tail.servo = Servo.from_parameters(values)
         self._set_state(self._state, self._reason)
 
     # -- callbacks ---------------------------------------------------------------------------------------------------
@@ -289,7 +298,7 @@ class Simulator:
             self._publish_clock()
             return
         try:
-            states, records = self._stepper.advance(self._fish_state, self._follower.motion(times))
+            states, records = self._stepper.advance(self._fish_state, self._tail.motion(times))
         except dynamics.StepError as error:
             self._rest()
             self._set_state(State.FAULT, f"{error}; call reset")

@@ -13,6 +13,7 @@ from fin_plant.parameters import load_table
 from fin_sim import dynamics
 from fin_sim.chain import Chain, Clamp, Reactive, build_chain
 from fin_sim.fish import Fish
+from fin_sim.servo import Servo, TailDrive
 from fin_sim.swim_result import Swim
 
 __all__ = ["PAPER_FISH", "SIMULATOR_PARAMETERS", "Swim", "swim", "swim_chain"]
@@ -23,6 +24,7 @@ PAPER_FISH = Fish.from_parameters(SIMULATOR_PARAMETERS.checked({}))
 
 RAMP_TIME = 0.5
 STEP = 1e-3
+IDEAL_SERVO = Servo()
 SAMPLE_TIME = 1e-2
 _DURATION_LIMIT = 1e5
 
@@ -32,6 +34,7 @@ def swim_chain(
     gait: Gait,
     duration: float,
     *,
+    servo: Servo = IDEAL_SERVO,
     ramp_time: float = RAMP_TIME,
     step: float = STEP,
     sample_time: float = SAMPLE_TIME,
@@ -50,7 +53,7 @@ def swim_chain(
     stepper = dynamics.Stepper(chain, duration / (samples * every), every)
     follower = GaitFollower(sum(chain.driven), ramp_time)
     follower.command(gait, 0.0)
-    states, records = stepper.advance(stepper.start(), follower.motion(stepper.half_step_times(samples)))
+    states, records = stepper.advance(stepper.start(), TailDrive(follower, servo).motion(stepper.half_step_times(samples)))
     links, first = len(chain.links), dynamics.BODY_STATES
     return Swim(
         chain=chain,
@@ -81,6 +84,7 @@ def swim(
     reactive: Reactive = "distributed",
     clamp: Clamp = "free",
     tow_speed: float = 0.0,
+    servo: Servo = IDEAL_SERVO,
     ramp_time: float = RAMP_TIME,
     step: float = STEP,
     sample_time: float = SAMPLE_TIME,
@@ -95,6 +99,7 @@ def swim(
         reactive: ``distributed`` or ``tip``, see `Chain`.
         clamp: ``free``, ``fixed`` or ``towed``.
         tow_speed: m/s, for ``towed``.
+        servo: The servo of every driven joint; the ideal one where none is given.
         ramp_time: Time in which the gait starts, s.
         step: Longest time step, s; shortened to divide the sample time.
         sample_time: Time between two samples, s.
@@ -104,4 +109,4 @@ def swim(
         StepError: The state stopped being finite.
     """
     chain = build_chain(fish, fin or Fin(), reactive=reactive, clamp=clamp, tow_speed=tow_speed)
-    return swim_chain(chain, gait, duration, ramp_time=ramp_time, step=step, sample_time=sample_time)
+    return swim_chain(chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time)
