@@ -253,15 +253,15 @@ def test_an_exception_leaves_a_readable_bag(tmp_path: Path) -> None:
 
 
 def test_wrong_use_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BagError, match="has the type my_msgs/msg/Own, which ROS 2 Jazzy does not define"):
+    with pytest.raises(BagError, match=r"has the type my_msgs/msg/Own, which ROS 2 Jazzy does not define"):
         BagWriter(tmp_path / "bag", [BagTopic("/own", "my_msgs/msg/Own", quality())], {})
     assert not (tmp_path / "bag").exists()
     with BagWriter(tmp_path / "bag", TOPICS, {}) as writer:
-        with pytest.raises(BagError, match="topic /other is not recorded in .*: recorded are /fish/velocity"):
+        with pytest.raises(BagError, match=r"topic /other is not recorded in .*: recorded are /fish/velocity"):
             writer.write("/other", b"")
-        with pytest.raises(BagError, match="message of 3 bytes is too short for a header"):
+        with pytest.raises(BagError, match=r"message of 3 bytes is too short for a header"):
             writer.write(VELOCITY.name, b"abc")
-    with pytest.raises(BagError, match="is closed: /fish/velocity came too late"):
+    with pytest.raises(BagError, match=r"is closed: /fish/velocity came too late"):
         writer.write(VELOCITY.name, velocity(START, 0.0))
 
 
@@ -305,7 +305,7 @@ def test_a_full_disk_is_a_clear_error_and_what_was_flushed_is_readable(
 
 def test_a_bag_that_cannot_even_start_leaves_its_name_free(tmp_path: Path, full_disk: list[bool]) -> None:
     full_disk[0] = True
-    with pytest.raises(BagError, match="No space left on device"):
+    with pytest.raises(BagError, match=r"No space left on device"):
         BagWriter(tmp_path / "bag", TOPICS, METADATA)
     assert not (tmp_path / "bag").exists()
 
@@ -395,9 +395,9 @@ def test_damaged_bytes_are_an_error_never_other_values(trial: Path, tmp_path: Pa
 
 
 def test_what_is_no_bag_is_said_so(tmp_path: Path, trial: Path) -> None:
-    with pytest.raises(BagError, match="it is neither folder nor file"):
+    with pytest.raises(BagError, match=r"it is neither folder nor file"):
         read_bag(tmp_path / "nowhere")
-    with pytest.raises(BagError, match="it is 0 MCAP files"):
+    with pytest.raises(BagError, match=r"it is 0 MCAP files"):
         read_bag(tmp_path)
     (tmp_path / "text.mcap").write_text("this is not an MCAP file, but long enough for its magic")
     with pytest.raises(BagError, match=r"text\.mcap is damaged"):

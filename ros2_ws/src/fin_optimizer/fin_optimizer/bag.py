@@ -290,7 +290,7 @@ class BagWriter:
             self._to_disk()
 
     def _to_disk(self) -> None:
-        self._mcap.flush()
+        self._mcap.flush()  # type: ignore[no-untyped-call]
         os.fsync(self._file.fileno())
         self._flushed_at = time.monotonic()
 
@@ -310,7 +310,7 @@ class BagWriter:
                 summary = self._present()
                 information = self._information(summary)
                 self._mcap.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
-                self._mcap.finish()
+                self._mcap.finish()  # type: ignore[no-untyped-call]
                 self._file.flush()
                 os.fsync(self._file.fileno())
                 self._file.close()

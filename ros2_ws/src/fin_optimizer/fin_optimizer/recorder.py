@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
@@ -40,6 +40,8 @@ WRITE_PERIOD = 0.1
 """s between two visits of the writing thread; messages wait in memory no longer."""
 TAKEN_AT_ONCE = 500
 """Messages of one topic that a callback takes before other callbacks have their turn."""
+ALL = 100_000
+"""More messages than any queue of the middleware holds."""
 
 
 class Recorder:
@@ -56,7 +58,6 @@ class Recorder:
         self._node = node
         self._queue: deque[tuple[str, bytes]] = deque()
         self._ears = {topic.name: _Ear(node, topic, self._queue) for topic in topics}
-        self._thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="recorder")
         self._closing = threading.Event()
         self._job: Future[BagSummary] | None = None
 
@@ -101,9 +102,9 @@ class Recorder:
         if self._job is not None:
             msg = f"cannot open bag {path}: the recorder still writes another one, close it first"
             raise BagError(msg)
-        for ear in self._ears.values():
-            ear.take_waiting()
         ears = self._ears.values()
+        for ear in ears:
+            ear.take_waiting(ALL)
         stamps = [header_stamp(ear.last) for ear in ears if ear.with_header and ear.last is not None]
         topics = [BagTopic(ear.name, ear.topic.type_name, _bag_qos(ear.topic.qos)) for ear in ears]
         writer = BagWriter(path, topics, metadata, newest_stamp_ns=max(stamps, default=None))
@@ -111,7 +112,8 @@ class Recorder:
         self._closing.clear()
         for ear in ears:
             ear.start()
-        self._job = self._thread.submit(self._write, writer)
+        self._job = Future()
+        threading.Thread(target=self._write, args=(writer, self._job), name="recorder").start()
 
     def velocity_samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return header stamps in ns and forward speeds in m/s, both (n,), of the bag opened last.
@@ -130,7 +132,7 @@ class Recorder:
             msg = "no bag is open"
             raise BagError(msg)
         for ear in self._ears.values():
-            ear.take_waiting()
+            ear.take_waiting(ALL)
             ear.stop()
         self._closing.set()
         job, self._job = self._job, None
@@ -149,7 +151,6 @@ class Recorder:
             if self._job is not None:
                 self.close()
         finally:
-            self._thread.shutdown()
             for ear in self._ears.values():
                 self._node.destroy_subscription(ear.subscription)
 
@@ -159,12 +160,20 @@ class Recorder:
             raise ValueError(msg)
         return self._ears[topic.name]
 
-    def _write(self, writer: BagWriter) -> BagSummary:
-        """Write what the callbacks put aside until the recorder closes (in the recorder's thread)."""
+    def _write(self, writer: BagWriter, job: Future[BagSummary]) -> None:
+        """Write a bag and tell the job how it ended (in the recorder's thread)."""
+        try:
+            job.set_result(self._write_until_closed(writer))
+        except Exception as error:  # noqa: BLE001  (whatever it is, close() raises it)
+            job.set_exception(error)
+
+    def _write_until_closed(self, writer: BagWriter) -> BagSummary:
+        """Write what the callbacks put aside until the recorder closes."""
         with writer:
             closing = False
             while not closing:
-                closing = self._closing.wait(WRITE_PERIOD)
+                # Python ends only after this thread: a program that forgot to close must not wait for ever.
+                closing = self._closing.wait(WRITE_PERIOD) or not threading.main_thread().is_alive()
                 while self._queue:
                     writer.write(*self._queue.popleft())
                 writer.flush_if_due()
@@ -202,9 +211,9 @@ class _Ear:
         """Record no longer."""
         self._recording = False
 
-    def take_waiting(self) -> None:
+    def take_waiting(self, limit: int = TAKEN_AT_ONCE) -> None:
         """Take messages that have arrived, without waiting for the executor's next turn."""
-        for _ in range(TAKEN_AT_ONCE):
+        for _ in range(limit):
             taken = self.subscription.handle.take_message(self.topic.type, True)  # noqa: FBT003  (raw; a C++ function)
             if taken is None:
                 return
@@ -228,9 +237,7 @@ class _Ear:
 
 def _every_message(offered: QoSProfile) -> QoSProfile:
     """Return what to ask for so that no message of a publisher with that offer is lost."""
-    return QoSProfile(
-        reliability=offered.reliability, durability=offered.durability, history=HistoryPolicy.KEEP_ALL
-    )
+    return QoSProfile(reliability=offered.reliability, durability=offered.durability, history=HistoryPolicy.KEEP_ALL)
 
 
 def _bag_qos(qos: QoSProfile) -> Qos:

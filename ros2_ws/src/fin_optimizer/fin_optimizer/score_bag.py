@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.bag import BagError, read_bag
 from fin_optimizer.score import Measurement, Score, ScoreError, score
+from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from fin_optimizer.bag import Bag
 
-# What fin_plant.messages writes into a plant_state; that module needs ROS, which a bag does not.
-_SWIMMING, _STAMP_KEY = "SWIMMING", "stamp_ns"
+_STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
 
 
 def swimming_since(bag: Bag) -> int:
@@ -29,7 +29,7 @@ def swimming_since(bag: Bag) -> int:
     starts = {
         int(item.value)
         for _, message in bag.decoded("plant_state")
-        if message.message == _SWIMMING
+        if message.message == State.SWIMMING
         for item in message.values
         if item.key == _STAMP_KEY
     }
@@ -59,9 +59,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="score_bag",
         description="Print one line a recorded trial: mean forward speed, its spread (m/s), bag.",
     )
-    parser.add_argument(
-        "bags", nargs="+", type=Path, metavar="BAG", help="folder of a bag, or its .mcap file"
-    )
+    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="folder of a bag, or its .mcap file")
     failed = False
     for path in parser.parse_args(arguments).bags:
         try:
