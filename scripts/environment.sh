@@ -33,7 +33,7 @@ if [[ :$AMENT_PREFIX_PATH: != *":$fin_root/ros2_ws/install/fin_plant:"* ]]; then
     . "$fin_root/ros2_ws/install/setup.bash"
 fi
 
-# Nodes on one machine find each other within 0.2 s instead of 3 s, and nobody else's nodes join in.
+# Quick discovery and acknowledgement for the command line too (the nodes set it themselves), on this machine only.
 export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$fin_root/ros2_ws/src/fin_plant/fin_plant/fast_dds_profile.xml}
 export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
 

@@ -147,8 +147,10 @@ build() {
     local marker=build/.started
     mkdir -p build
     touch "$marker"
+    # Links to sources that are gone: setup.py would find them and fail.
+    find build -xtype l -delete
     "$venv/bin/python" -m colcon build --symlink-install
-    # What an earlier build left and this one did not write again.
+    # What an earlier build installed and this one did not.
     find install -mindepth 4 -maxdepth 4 -path 'install/*/lib/*' -type f -executable ! -newer "$marker" -delete
     find install -xtype l -delete
 }
