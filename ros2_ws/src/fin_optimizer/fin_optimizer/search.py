@@ -1,0 +1,209 @@
+"""Search for the best fin: what to try next, as a pure function of the seed and of what was tried before.
+
+An algorithm keeps nothing between calls. It is *told* by the history and *asked* by ``propose``; its random numbers
+come from a generator that the seed and the number of the candidate determine. So a study that was interrupted goes on
+with bit for bit the candidates of one that was not, and every candidate can be recomputed from the journal.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+Values = dict[str, float]
+"""A candidate: the value of every parameter of the space, by name."""
+
+# How often a step that left the range is drawn again. When as many steps all fall outside, the range is so narrow
+# beside the step that a Gaussian inside it is flat: a uniform draw is then the same.
+_REDRAWS = 1000
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A parameter that the search may vary.
+
+    Attributes:
+        name: The plant's parameter, for example ``fin.young_modulus``.
+        minimum: Smallest value, in ``unit``.
+        maximum: Largest value, in ``unit``.
+        unit: SI unit, for messages and reports.
+
+    Raises:
+        ValueError: A bound that is not finite, or bounds that leave no room.
+    """
+
+    name: str
+    minimum: float
+    maximum: float
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        for bound in ("minimum", "maximum"):
+            value = checks.number(f"{bound} of {self.name}", getattr(self, bound), unit=self.unit)
+            object.__setattr__(self, bound, value)
+        if self.minimum >= self.maximum:
+            msg = (
+                f"range of {self.name} is upside down or empty: minimum = {self.minimum:g} {self.unit} must be less "
+                f"than maximum = {self.maximum:g} {self.unit}"
+            )
+            raise ValueError(msg)
+
+    def contains(self, value: float) -> bool:
+        """Whether ``value`` is finite and inside the range, ends included."""
+        return math.isfinite(value) and self.minimum <= value <= self.maximum
+
+
+@dataclass(frozen=True)
+class Space:
+    """The box that is searched: one range for each parameter.
+
+    Raises:
+        ValueError: No parameter, or the same one twice.
+    """
+
+    dimensions: tuple[Dimension, ...]
+
+    def __post_init__(self) -> None:
+        names = self.names
+        if not names or len(set(names)) != len(names):
+            msg = f"a space needs at least one parameter and each only once, got {list(names)}"
+            raise ValueError(msg)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in order."""
+        return tuple(dimension.name for dimension in self.dimensions)
+
+    def check(self, values: Mapping[str, float]) -> Values:
+        """Return ``values`` if they name exactly the parameters of the space, each inside its range.
+
+        Raises:
+            ValueError: A parameter too many or too few, or a value outside its range.
+        """
+        if set(values) != set(self.names):
+            msg = f"a candidate of this space has the parameters {sorted(self.names)}, got {sorted(values)}"
+            raise ValueError(msg)
+        return {
+            d.name: checks.number(d.name, values[d.name], d.minimum, d.maximum, unit=d.unit) for d in self.dimensions
+        }
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A candidate that was tried.
+
+    Attributes:
+        values: What was tried.
+        score: How good it was, more is better; None if it could not be measured or could not be built.
+
+    Raises:
+        ValueError: A score that is not finite: what could not be measured has no score.
+    """
+
+    values: Mapping[str, float]
+    score: float | None
+
+    def __post_init__(self) -> None:
+        if self.score is not None:
+            checks.number("score", self.score, advice="give None for a trial without a score")
+
+
+class Search(Protocol):
+    """What a study asks. Hill climber, genetic algorithm and CMA-ES differ only behind it."""
+
+    @property
+    def space(self) -> Space:
+        """Where it searches."""
+
+    def propose(self, history: Sequence[Evaluation]) -> Values:
+        """Return the candidate that follows ``history``, which holds all candidates so far in their order.
+
+        The same history always gives the same candidate, to the last bit.
+        """
+
+
+def best(history: Iterable[Evaluation]) -> Evaluation | None:
+    """Return the evaluation with the highest score, of equals the first; None if nothing was scored."""
+    scored = [evaluation for evaluation in history if evaluation.score is not None]
+    return max(scored, key=lambda evaluation: evaluation.score or 0.0, default=None)
+
+
+def generator(seed: int, number: int) -> np.random.Generator:
+    """Return the random numbers of candidate ``number`` (from 0): independent of those of every other candidate."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
+
+
+def uniform(space: Space, random: np.random.Generator) -> Values:
+    """Return a candidate drawn uniformly from the whole space."""
+    return {d.name: float(random.uniform(d.minimum, d.maximum)) for d in space.dimensions}
+
+
+def gaussian_step(
+    space: Space, centre: Mapping[str, float], deviations: Mapping[str, float], random: np.random.Generator
+) -> Values:
+    """Return ``centre`` moved by an independent Gaussian step in every parameter, drawn again while outside.
+
+    The paper does not say what happens to a step that leaves the range. Drawn again, the step is a Gaussian cut off at
+    the bounds: its density stays smooth. Clipped, a large part of all steps near an end would land exactly on it, and
+    the same fin would be built and swum again and again.
+
+    Args:
+        space: Ranges to stay in.
+        centre: Where the step starts, inside the ranges.
+        deviations: Standard deviation of the step, by parameter and in its unit.
+        random: Where the random numbers come from.
+    """
+    result: Values = {}
+    for dimension in space.dimensions:
+        steps = centre[dimension.name] + deviations[dimension.name] * random.standard_normal(_REDRAWS)
+        inside = steps[(steps >= dimension.minimum) & (steps <= dimension.maximum)]
+        drawn = inside[0] if inside.size else random.uniform(dimension.minimum, dimension.maximum)
+        result[dimension.name] = float(drawn)
+    return result
+
+
+@dataclass(frozen=True)
+class HillClimber:
+    """The paper's hill climber: start anywhere in the range, step from the best so far, keep the better one.
+
+    Raja Mohamed & Raviraj, and Clark et al. 2012: uniform start in the range, one Gaussian mutation a candidate with a
+    variance of 0.1 (GPa^2). A candidate without a score is passed over, so it never becomes the one to step from; while
+    nothing has a score yet, the start is drawn anew.
+
+    Attributes:
+        space: Where to search.
+        seed: Of all its random numbers, 0 or more.
+        deviations: Standard deviation of the step, by parameter and in its unit.
+
+    Raises:
+        ValueError: A seed or deviation that cannot be, or deviations for other parameters than the space's.
+    """
+
+    space: Space
+    seed: int
+    deviations: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        checks.whole_number("seed", self.seed, 0)
+        if set(self.deviations) != set(self.space.names):
+            msg = f"steps are given for {sorted(self.deviations)}, but the space has {sorted(self.space.names)}"
+            raise ValueError(msg)
+        for dimension in self.space.dimensions:
+            deviation = self.deviations[dimension.name]
+            checks.number(f"step of {dimension.name}", deviation, 0.0, unit=dimension.unit, exclusive_minimum=True)
+
+    def propose(self, history: Sequence[Evaluation]) -> Values:
+        """Return the candidate that follows ``history``."""
+        random = generator(self.seed, len(history))
+        incumbent = best(history)
+        if incumbent is None:
+            return uniform(self.space, random)
+        return gaussian_step(self.space, incumbent.values, self.deviations, random)
