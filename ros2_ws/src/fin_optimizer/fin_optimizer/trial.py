@@ -1,0 +1,518 @@
+"""One trial, from a proposed fin to a scored swim, as a state machine that knows neither ROS nor a clock.
+
+The table ``PHASES`` is the trial. A phase begins with an action, which the node carries out, and lasts until its
+condition holds; what the conditions look at are `Facts`, which the node observes. A phase that takes too long, a fault
+of the plant or of the recorder, a refused fin or a cancelled trial end it at once, with a reason that names what was
+missing; then the gait is switched off and the bag is closed, whatever the phase was.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum, StrEnum
+from typing import TYPE_CHECKING, Protocol
+
+from fin_plant import checks
+from fin_plant.plant_state import State
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from fin_optimizer.score import Measurement, Window
+    from fin_plant.parameters import Value
+    from fin_plant.plant_state import PlantState
+
+_WAITING = (State.WAITING_FOR_FIN, State.WAITING_FOR_RESET)
+NANOSECONDS = 1_000_000_000
+
+
+class Outcome(StrEnum):
+    """What became of a trial."""
+
+    PROPOSED = "PROPOSED"
+    RUNNING = "RUNNING"
+    OK = "OK"
+    FAILED = "FAILED"
+    INFEASIBLE = "INFEASIBLE"
+
+
+@dataclass(frozen=True)
+class Result:
+    """How a trial ended.
+
+    Attributes:
+        outcome: OK, FAILED or INFEASIBLE.
+        reason: Why, unless OK.
+        score: m/s, needed for OK and refused otherwise.
+        spread: m/s, None if unknown.
+        samples: Number of velocities in the score.
+        interrupted: The trial was stopped and says nothing about the fin.
+
+    Raises:
+        ValueError: An OK trial without a finite score, or another one with a score or without a reason.
+    """
+
+    outcome: Outcome
+    reason: str = ""
+    score: float | None = None
+    spread: float | None = None
+    samples: int = 0
+    interrupted: bool = False
+
+    def __post_init__(self) -> None:
+        if self.outcome is Outcome.OK:
+            checks.number("score of an OK trial", float("nan") if self.score is None else self.score, unit="m/s")
+        elif self.outcome not in {Outcome.FAILED, Outcome.INFEASIBLE}:
+            msg = f"a trial cannot end as {self.outcome}: it ends OK, FAILED or INFEASIBLE"
+            raise ValueError(msg)
+        elif self.score is not None or not self.reason:
+            msg = f"a trial that ends {self.outcome} has a reason and no score, got {self.reason!r}, {self.score}"
+            raise ValueError(msg)
+
+
+class Action(Enum):
+    """What the node does when a phase begins."""
+
+    RECOVER = "call the plant's reset to clear its fault"
+    SET_FIN = "set the candidate's parameters, all at once"
+    RESET = "call the plant's reset"
+    OPEN_BAG = "open the trial's bag"
+    GAIT_ON = "send the gait, and repeat it"
+    GAIT_OFF = "send a gait of zero amplitude"
+    CLOSE_BAG = "close the trial's bag"
+    SCORE = "score the swim"
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What a service answered."""
+
+    accepted: bool
+    reason: str = ""
+
+
+class Facts(Protocol):
+    """What the node sees. Replies and result are None from the moment that their action is carried out anew."""
+
+    @property
+    def plants(self) -> Sequence[str]:
+        """Full names of the nodes that publish ``plant_state`` in the namespace."""
+
+    @property
+    def missing_services(self) -> Sequence[str]:
+        """Full names of the plant's services that are not there."""
+
+    @property
+    def plant(self) -> PlantState | None:
+        """Newest state of the plant."""
+
+    @property
+    def fin_reply(self) -> Reply | None:
+        """Answer to SET_FIN."""
+
+    @property
+    def reset_reply(self) -> Reply | None:
+        """Answer to RESET or RECOVER."""
+
+    @property
+    def unmatched_topics(self) -> Sequence[str]:
+        """Full names of the topics to record from which nothing can arrive yet."""
+
+    @property
+    def newest_velocity(self) -> int | None:
+        """Stamp in ns of the newest velocity in the bag."""
+
+    @property
+    def late_topics(self) -> Sequence[str]:
+        """Full names of the recorded streams whose newest stamp is before the end of the trial's window."""
+
+    @property
+    def recorder_failure(self) -> str:
+        """Why the bag cannot be written, or empty."""
+
+    @property
+    def result(self) -> Result | None:
+        """Outcome of SCORE."""
+
+
+@dataclass(frozen=True)
+class Timeouts:
+    """How long a phase may last without a sign of progress, in s of the wall clock.
+
+    Attributes:
+        plant: Until a plant is found, at rest, ready and matched.
+        reply: Until a service answers.
+        silence: Until the next velocity during a swim, or the next state around it.
+        people: Until somebody has mounted a fin or brought the fish back to its mark; 0 waits for ever.
+    """
+
+    plant: float = 10.0
+    reply: float = 10.0
+    silence: float = 5.0
+    people: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("plant", "reply", "silence"):
+            checks.number(f"timeout.{name}", getattr(self, name), 0.0, unit="s", exclusive_minimum=True)
+        checks.number("timeout.people", self.people, 0.0, unit="s")
+
+
+@dataclass(frozen=True)
+class Phase:
+    """A row of the trial's table.
+
+    Attributes:
+        name: As it is shown.
+        action: What begins it; None for phases that only wait. A function chooses by the facts.
+        done: Whether it is over.
+        patience: Name of the timeout that bounds it.
+        missing: What was missing if time runs out.
+    """
+
+    name: str
+    action: Action | Callable[[Facts], Action | None] | None
+    done: Callable[[Trial, Facts], bool]
+    patience: str
+    missing: Callable[[Trial, Facts], str]
+
+
+class Trial:
+    """A trial under way.
+
+    Attributes:
+        fin: The fin that is tried, by the plant's parameters.
+        result: How it ended, None before.
+        window: Over which it is scored, None until the fish swims.
+    """
+
+    def __init__(self, namespace: str, fin: Mapping[str, Value], measurement: Measurement, timeouts: Timeouts) -> None:
+        """Begin before the first phase.
+
+        Args:
+            namespace: Of the fish, for example ``/fish``; only for messages.
+            fin: The fin to try, by the plant's parameters, in SI units.
+            measurement: Which part of the swim is scored.
+            timeouts: How long to wait for what.
+        """
+        self.fin = fin
+        self.result: Result | None = None
+        self.window: Window | None = None
+        self._topic_prefix = namespace.rstrip("/")
+        self._measurement = measurement
+        self._timeouts = timeouts
+        self._index = -1
+        self._progress_at = 0.0
+        self._newest_seen: int | None = None
+        self._swimming_since = 0
+        self._reset_after = -1
+        self._gait_is_on = False
+        self._bag_is_open = False
+
+    @property
+    def phase(self) -> str:
+        """Name of the phase under way."""
+        return "begin" if self._index < 0 else PHASES[self._index].name
+
+    def topic(self, name: str) -> str:
+        """Return the full name of one of the fish's topics."""
+        return f"{self._topic_prefix}/{name}"
+
+    def update(self, now: float, facts: Facts) -> list[Action]:
+        """Go on as far as the facts allow, one phase at most, and return what the node must do now, in order.
+
+        Call it again after the actions, whenever a fact has changed, and every now and then for the timeouts.
+
+        Args:
+            now: Time of a monotonic clock in s.
+            facts: What the node sees.
+        """
+        if self.result is not None:
+            return []
+        if self._index < 0:
+            return self._enter(0, now, facts)
+        phase = PHASES[self._index]
+        if failure := self._failure(facts):
+            return self._end(failure)
+        if phase.done(self, facts):
+            return self._next(now, facts)
+        self._note_progress(now, facts)
+        if failure := self._stopped_swimming(facts) or self._overdue(now, facts):
+            return self._end(failure)
+        return []
+
+    def cancel(self, reason: str) -> list[Action]:
+        """End the trial because somebody stopped it, and return what the node must do now, in order."""
+        if self.result is not None:
+            return []
+        return self._end(Result(Outcome.FAILED, f"interrupted in phase '{self.phase}': {reason}", interrupted=True))
+
+    def _next(self, now: float, facts: Facts) -> list[Action]:
+        if PHASES[self._index].action is Action.GAIT_ON and facts.plant is not None:
+            self._swimming_since = facts.plant.stamp
+            self.window = self._measurement.window(facts.plant.stamp)
+        if self._index + 1 < len(PHASES):
+            return self._enter(self._index + 1, now, facts)
+        self.result = facts.result
+        return []
+
+    def _enter(self, index: int, now: float, facts: Facts) -> list[Action]:
+        self._index = index
+        self._progress_at = now
+        action = PHASES[index].action
+        chosen = action if isinstance(action, Action) or action is None else action(facts)
+        if chosen is None:
+            return []
+        if chosen is Action.RESET and facts.plant is not None:
+            self._reset_after = facts.plant.stamp
+        self._note_switches(chosen)
+        return [chosen]
+
+    def _note_switches(self, action: Action) -> None:
+        if action in {Action.GAIT_ON, Action.GAIT_OFF}:
+            self._gait_is_on = action is Action.GAIT_ON
+        if action in {Action.OPEN_BAG, Action.CLOSE_BAG}:
+            self._bag_is_open = action is Action.OPEN_BAG
+
+    def _end(self, result: Result) -> list[Action]:
+        self.result = result
+        actions = [Action.GAIT_OFF] if self._gait_is_on else []
+        actions += [Action.CLOSE_BAG] if self._bag_is_open else []
+        for action in actions:
+            self._note_switches(action)
+        return actions
+
+    def _failure(self, facts: Facts) -> Result | None:
+        """Return how the trial ends because of something that may happen in any phase."""
+        phase = PHASES[self._index]
+        if facts.recorder_failure:
+            return Result(Outcome.FAILED, f"{phase.name}: {facts.recorder_failure}")
+        if self._index <= _AT_REST:
+            return None
+        if facts.plant is not None and facts.plant.state is State.FAULT:
+            return Result(
+                Outcome.FAILED, f"{phase.name}: the plant is in FAULT: {facts.plant.reason or 'no reason given'}"
+            )
+        if phase.action is Action.SET_FIN and facts.fin_reply is not None and not facts.fin_reply.accepted:
+            return Result(Outcome.INFEASIBLE, facts.fin_reply.reason or "the plant refused the fin without a reason")
+        if phase.action is Action.RESET and facts.reset_reply is not None and not facts.reset_reply.accepted:
+            return Result(Outcome.FAILED, f"{phase.name}: the plant refused: {facts.reset_reply.reason}")
+        return None
+
+    def _overdue(self, now: float, facts: Facts) -> Result | None:
+        phase = PHASES[self._index]
+        limit = self._limit(phase, facts)
+        if not limit or now - self._progress_at <= limit:
+            return None
+        return Result(Outcome.FAILED, f"{phase.name}: {phase.missing(self, facts)} (waited {limit:g} s)")
+
+    def _stopped_swimming(self, facts: Facts) -> Result | None:
+        if (
+            PHASES[self._index].name not in _SWIMMING_PHASES
+            or facts.plant is None
+            or facts.plant.state is State.SWIMMING
+        ):
+            return None
+        reason = (
+            f"{self.phase}: the plant went to {facts.plant.state} {self.swum(facts):.2f} s into a swim of "
+            f"{self._measurement.settle + self._measurement.duration:g} s{_because(facts.plant)}: did the gait on "
+            f"{self.topic('gait')} reach it often enough?"
+        )
+        return Result(Outcome.FAILED, reason)
+
+    def swum(self, facts: Facts) -> float:
+        """Return how long the fish has swum, in s of the plant's time."""
+        if self.window is None or facts.newest_velocity is None:
+            return 0.0
+        return max(0.0, (facts.newest_velocity - self._swimming_since) / NANOSECONDS)
+
+    def was_reset(self, plant: PlantState) -> bool:
+        """Whether the state was said after the trial's reset."""
+        return plant.stamp > self._reset_after
+
+    def _note_progress(self, now: float, facts: Facts) -> None:
+        """A swim is slow or fast as the plant likes, so what bounds it is silence, not its length."""
+        if PHASES[self._index].name in _SWIMMING_PHASES and facts.newest_velocity != self._newest_seen:
+            self._newest_seen = facts.newest_velocity
+            self._progress_at = now
+
+    def _limit(self, phase: Phase, facts: Facts) -> float:
+        """Return the seconds that the phase may last without progress, 0 for no limit."""
+        if phase.patience == "plant" and facts.plant is not None and facts.plant.state in _WAITING:
+            return self._timeouts.people
+        return float(getattr(self._timeouts, phase.patience))
+
+
+def _because(plant: PlantState) -> str:
+    return f" ({plant.reason})" if plant.reason else ""
+
+
+def _says(trial: Trial, facts: Facts) -> str:
+    if facts.plant is None:
+        return f"nothing was said on topic {trial.topic('plant_state')}"
+    return f"topic {trial.topic('plant_state')} says {facts.plant.state}{_because(facts.plant)}"
+
+
+def _is(facts: Facts, *states: State) -> bool:
+    return facts.plant is not None and facts.plant.state in states
+
+
+def _no_plant(trial: Trial, facts: Facts) -> str:
+    topic = trial.topic("plant_state")
+    if not facts.plants:
+        return f"nobody publishes topic {topic}: start a plant in this namespace"
+    if len(facts.plants) > 1:
+        return f"topic {topic} has {len(facts.plants)} publishers ({', '.join(facts.plants)}): leave only one plant"
+    if facts.missing_services:
+        return f"service {' and '.join(facts.missing_services)} missing"
+    return _says(trial, facts)
+
+
+def _same(text: str, value: Value) -> bool:
+    """Whether a key-value of the plant's state, which has all digits of a number, says ``value``."""
+    if isinstance(value, str):
+        return text == value
+    try:
+        return float(text) == value
+    except ValueError:
+        return False
+
+
+def _wrong(trial: Trial, facts: Facts) -> list[str]:
+    """Return the names of the fin's parameters in which the fin mounted differs from the trial's."""
+    mounted = facts.plant.fin if facts.plant is not None else {}
+    return [name for name, value in trial.fin.items() if not _same(mounted.get(name, ""), value)]
+
+
+def _fin_not_ready(trial: Trial, facts: Facts) -> str:
+    mounted = facts.plant.fin if facts.plant is not None else {}
+    differs = [f"{name} = {mounted.get(name, 'nothing')} instead of {trial.fin[name]}" for name in _wrong(trial, facts)]
+    return f"{_says(trial, facts)}, needed is READY" + (
+        f"; the fin mounted has {', '.join(differs)}" if differs else ""
+    )
+
+
+def _at_start(trial: Trial, facts: Facts) -> bool:
+    """Whether the plant is ready and said so after the reset, not in a message still on its way."""
+    return (
+        _is(facts, State.READY)
+        and facts.plant is not None
+        and trial.was_reset(facts.plant)
+        and not _wrong(trial, facts)
+    )
+
+
+def _service(facts: Facts, name: str) -> str:
+    plant = facts.plants[0] if len(facts.plants) == 1 else "the plant"
+    return f"no answer from service {plant}/{name}"
+
+
+def _velocity_after(trial: Trial, facts: Facts, end: int) -> bool:
+    return trial.window is not None and facts.newest_velocity is not None and facts.newest_velocity >= end
+
+
+def _no_velocity(trial: Trial, facts: Facts) -> str:
+    return f"no message on topic {trial.topic('velocity')} after {trial.swum(facts):.2f} s of the swim"
+
+
+def _still_swimming(trial: Trial, facts: Facts) -> str:
+    if facts.late_topics and _is(facts, State.READY, *_WAITING):
+        return f"no message up to the end of the window on topic {', '.join(facts.late_topics)}"
+    return f"the gait is off, but {_says(trial, facts)}"
+
+
+PHASES: tuple[Phase, ...] = (
+    Phase(
+        "find the plant",
+        action=None,
+        done=lambda _, facts: len(facts.plants) == 1 and not facts.missing_services and facts.plant is not None,
+        patience="plant",
+        missing=_no_plant,
+    ),
+    Phase(
+        "wait until it is at rest",
+        action=lambda facts: Action.RECOVER if _is(facts, State.FAULT) else None,
+        done=lambda _, facts: _is(facts, State.READY, *_WAITING),
+        patience="plant",
+        missing=lambda trial, facts: f"{_says(trial, facts)}, needed is READY",
+    ),
+    Phase(
+        "set the fin",
+        action=Action.SET_FIN,
+        done=lambda _, facts: facts.fin_reply is not None,
+        patience="reply",
+        missing=lambda _, facts: _service(facts, "set_parameters_atomically"),
+    ),
+    Phase(
+        "wait for the fin",
+        action=None,
+        done=lambda trial, facts: _is(facts, State.READY, State.WAITING_FOR_RESET) and not _wrong(trial, facts),
+        patience="plant",
+        missing=_fin_not_ready,
+    ),
+    Phase(
+        "reset",
+        action=Action.RESET,
+        done=lambda _, facts: facts.reset_reply is not None,
+        patience="reply",
+        missing=lambda _, facts: _service(facts, "reset"),
+    ),
+    Phase(
+        "wait at the start",
+        action=None,
+        done=_at_start,
+        patience="plant",
+        missing=_fin_not_ready,
+    ),
+    Phase(
+        "open the bag",
+        action=Action.OPEN_BAG,
+        done=lambda _, facts: not facts.unmatched_topics,
+        patience="plant",
+        missing=lambda _, facts: f"nothing to record on topic {', '.join(facts.unmatched_topics)}",
+    ),
+    Phase(
+        "start the gait",
+        action=Action.GAIT_ON,
+        done=lambda _, facts: _is(facts, State.SWIMMING),
+        patience="silence",
+        missing=lambda trial, facts: f"the gait on topic {trial.topic('gait')} had no effect: {_says(trial, facts)}",
+    ),
+    Phase(
+        "settle",
+        action=None,
+        done=lambda trial, facts: _velocity_after(trial, facts, trial.window.start_ns if trial.window else 0),
+        patience="silence",
+        missing=_no_velocity,
+    ),
+    Phase(
+        "measure",
+        action=None,
+        done=lambda trial, facts: _velocity_after(trial, facts, trial.window.end_ns if trial.window else 0),
+        patience="silence",
+        missing=_no_velocity,
+    ),
+    Phase(
+        "stop the gait",
+        action=Action.GAIT_OFF,
+        done=lambda _, facts: _is(facts, State.READY, *_WAITING) and not facts.late_topics,
+        patience="silence",
+        missing=_still_swimming,
+    ),
+    Phase(
+        "close the bag",
+        action=Action.CLOSE_BAG,
+        done=lambda *_: True,
+        patience="reply",
+        missing=lambda *_: "the bag was not closed",
+    ),
+    Phase(
+        "score",
+        action=Action.SCORE,
+        done=lambda _, facts: facts.result is not None,
+        patience="reply",
+        missing=lambda *_: "no score",
+    ),
+)
+_AT_REST = 1
+"""A fault counts after this phase: before, it is an earlier trial's, and the trial's first care is to clear it."""
+_SWIMMING_PHASES = ("settle", "measure")
