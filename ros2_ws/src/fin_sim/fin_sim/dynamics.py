@@ -452,9 +452,14 @@ class Stepper:
         state[SURGE] = self.chain.tow_speed if self.chain.clamp == "towed" else 0.0
         return state
 
-    def half_step_times(self, samples: int) -> NDArray[np.float64]:
-        """Return the times from the first state on at which `advance` needs the driven joints' motion, in s."""
-        return 0.5 * self.step * np.arange(2 * samples * self.every + 1)
+    def half_step_times(self, samples: int, first: int = 0) -> NDArray[np.float64]:
+        """Return the times at which `advance` needs the driven joints' motion, in s since sample 0.
+
+        Args:
+            samples: Number of samples to advance by.
+            first: Sample to advance from. A swim advanced in slices has bit for bit the times of one in a piece.
+        """
+        return 0.5 * self.step * (2 * first * self.every + np.arange(2 * samples * self.every + 1))
 
     def advance(
         self, state: NDArray[np.float64], motion: NDArray[np.float64]

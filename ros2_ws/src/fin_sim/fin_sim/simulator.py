@@ -212,7 +212,13 @@ class Simulator:
         """Put the fish at rest at the origin."""
         self._fish_state = self._stepper.start()
         self._neutral()
-        self._fish_time = 0.0
+        self._samples = 0
+        self._at_rest = True
+
+    @property
+    def _fish_time(self) -> float:
+        """Time in s since the fish began to swim from rest; it stands still before, so that every swim repeats."""
+        return self._samples * self._stepper.sample_time
 
     def _neutral(self) -> None:
         """Put the tail at neutral, without a gait."""
@@ -222,6 +228,8 @@ class Simulator:
     def _set_state(self, state: State, reason: str = "") -> None:
         self._state, self._reason = state, reason
         self._stamp += 1  # every state has a stamp of its own, so that a listener can tell it from the one before
+        if state is State.READY and self._number("speed") == 1.0:
+            self._stamp = max(self._stamp, time.time_ns())  # in real time, what was late is not late for ever
         self._pace.set_speed(
             self._number("speed") if state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0
         )
@@ -259,6 +267,7 @@ class Simulator:
             self.node.get_logger().warning(f"gait refused: {error}", throttle_duration_sec=1.0)
             return
         self._last_gait = time.monotonic()
+        self._at_rest = self._at_rest and not limited.moves
         if limited.moves and self._state is not State.SWIMMING:
             self._set_state(State.SWIMMING)
         elif not limited.moves and self._state is State.SWIMMING:
@@ -291,7 +300,7 @@ class Simulator:
         return self._pace.wait()
 
     def _advance(self, samples: int) -> None:
-        times = self._fish_time + self._stepper.half_step_times(samples)
+        times = self._stepper.half_step_times(samples, self._samples)
         stamps = self._stamp + np.round(self._sample_time * NANOSECONDS * np.arange(1, samples + 1)).astype(np.int64)
         if self._state is State.FAULT:
             self._stamp = int(stamps[-1])
@@ -304,7 +313,7 @@ class Simulator:
             self._set_state(State.FAULT, f"{error}; call reset")
             self.node.get_logger().error(self._reason)
             return
-        self._fish_time += samples * self._sample_time
+        self._samples += 0 if self._at_rest else samples
         self._stamp = int(stamps[-1])
         self._publish(stamps, states[1:], records[1:])
 

@@ -1,0 +1,207 @@
+"""The simulator node keeps the contract of a plant: topics, units, refusals, states."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from fin_plant import topics
+from fin_plant.gait import PAPER_GAIT
+from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
+from fin_plant.plant_state import State
+from support.plant_client import PlantClient
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+pytestmark = pytest.mark.graph
+STREAMS = (topics.JOINT_STATES, topics.POSE, topics.VELOCITY, topics.THRUST)
+
+
+@pytest.fixture
+def client(ros_domain: int) -> Iterator[PlantClient]:
+    with PlantClient(ros_domain) as plant_client:
+        yield plant_client
+
+
+def start_simulator(start: Callable[..., Any], *parameters: str) -> Any:
+    arguments = [word for parameter in parameters for word in ("-p", parameter)]
+    return start("fin_sim", "simulator", *(["--ros-args", *arguments] if arguments else []))
+
+
+def test_a_swim_faster_than_real_time_loses_no_message(start: Callable[..., Any], client: PlantClient) -> None:
+    start_simulator(start, "speed:=0.0")
+    client.wait_for_state(State.READY)
+    since = client.swim(PAPER_GAIT, seconds=10.0)
+    for topic in STREAMS:
+        stamps = np.array([nanoseconds_of(message.header.stamp) for message in client.received(topic)])
+        inside = stamps[(stamps >= since) & (stamps <= since + 10 * 10**9)]
+        assert len(inside) in (1000, 1001), topic.name
+        assert np.allclose(np.diff(inside), 1e7), topic.name
+
+
+def test_what_the_topics_say_is_consistent_and_in_si_units(start: Callable[..., Any], client: PlantClient) -> None:
+    start_simulator(start, "speed:=0.0")
+    client.wait_for_state(State.READY)
+    since = client.swim(PAPER_GAIT, seconds=10.0)
+    velocity = [m for m in client.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) > since]
+    pose = [m for m in client.received(topics.POSE) if nanoseconds_of(m.header.stamp) > since]
+    joints = client.received(topics.JOINT_STATES)[-1]
+    assert velocity[0].header.frame_id == "base_link"
+    assert pose[0].header.frame_id == "tank"
+    assert list(joints.name) == ["tail_joint_1", "fin_hinge_1", "fin_hinge_2"]
+    count = min(len(velocity), len(pose), 1000)
+    forward = np.array([m.twist.linear.x for m in velocity[:count]])
+    left = np.array([m.twist.linear.y for m in velocity[:count]])
+    heading = np.array([2 * math.atan2(m.pose.orientation.z, m.pose.orientation.w) for m in pose[:count]])
+    x = np.array([m.pose.position.x for m in pose[:count]])
+    in_tank = forward * np.cos(heading) - left * np.sin(heading)
+    # The trapezoidal sum of the velocity's own samples misses by its curvature over 10 ms, far below a millimetre.
+    assert np.cumsum(0.005 * (in_tank[1:] + in_tank[:-1])) == pytest.approx(x[1:] - x[0], abs=2e-4)
+    assert x[-1] > 0.2
+    largest = max(abs(m.position[0]) for m in client.received(topics.JOINT_STATES))
+    assert largest == pytest.approx(math.radians(15.0), rel=1e-3)
+
+
+def test_a_swim_repeats_bit_for_bit_after_a_reset(start: Callable[..., Any], client: PlantClient) -> None:
+    start_simulator(start, "speed:=0.0")
+    client.wait_for_state(State.READY)
+    runs = []
+    for _ in range(2):
+        assert client.reset().success
+        since = client.swim(PAPER_GAIT, seconds=3.0)
+        after = [m for m in client.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) > since]
+        runs.append([m.twist.linear.x for m in after[:300]])
+        client.stop_swimming()
+    assert runs[0] == runs[1]
+
+
+def test_in_real_time_the_stamps_follow_the_wall_clock(start: Callable[..., Any], client: PlantClient) -> None:
+    start_simulator(start)
+    client.wait_for_state(State.READY)
+    client.swim(PAPER_GAIT, seconds=1.5)
+    late = [arrival - nanoseconds_of(m.header.stamp) for arrival, m in client.arrivals(topics.VELOCITY)[-100:]]
+    # Two cores shared with the test itself: a slice may be late, a drift may not be.
+    assert abs(float(np.median(late))) < 0.2e9
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"fin.young_modulus": -1.0}, ("fin.young_modulus", "-1.0", "10000000")),
+        ({"fin.young_modulus": math.nan}, ("fin.young_modulus", "nan", "10000000")),
+        ({"fin.length": 0.01, "fin.thickness": 0.015}, ("fin.thickness", "0.015", "fin.length")),
+        ({"fin.yung": 1.0}, ("fin.yung", "not a parameter")),
+        ({"fin.hinges": "soft"}, ("fin.hinges", "soft", "between")),
+        ({"sample_rate": 50.0}, ("sample_rate",)),
+    ],
+)
+def test_a_bad_parameter_is_refused_with_its_name_value_and_range_and_nothing_changes(
+    start: Callable[..., Any], client: PlantClient, change: dict[str, Any], words: tuple[str, ...]
+) -> None:
+    start_simulator(start)
+    before = client.wait_for_state(State.READY)
+    result = client.set_parameters({"fin.height": 0.03, **change})
+    assert not result.successful
+    for word in words:
+        assert word in result.reason
+    assert client.get_parameter("fin.height") == 0.025
+    assert client.state() == before
+
+
+def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: PlantClient) -> None:
+    start_simulator(start)
+    before = client.wait_for_state(State.READY)
+    assert client.set_parameters({"fin.young_modulus": 2.5e9, "fin.segments": 5}).successful
+    client.wait_until(lambda: client.state() != before, "plant_state after the new fin")
+    state = client.state()
+    assert state is not None
+    assert (state.fin["fin.young_modulus"], state.fin["fin.segments"]) == ("2500000000.0", "5")
+    assert state.stamp > before.stamp
+    client.wait_until(
+        lambda: len(client.received(topics.JOINT_STATES)[-1].name) == 5,
+        "joint_states of the five-segment fin",
+    )
+
+
+@pytest.mark.parametrize("parameter", ["fin.thickness:=0.5", "fin.young_modulus:=.nan", "fin.yung:=1.0"])
+def test_a_bad_start_value_ends_the_process_with_2_and_says_why(
+    start: Callable[..., Any], ros_domain: int, parameter: str
+) -> None:
+    process = start_simulator(start, parameter)
+    assert process.wait(timeout=20) == 2
+    assert parameter.split(":=", maxsplit=1)[0] in process.output()
+
+
+def test_a_gait_that_is_refused_moves_nothing_and_does_not_feed_the_watchdog(
+    start: Callable[..., Any], client: PlantClient
+) -> None:
+    start_simulator(start)
+    client.wait_for_state(State.READY)
+    bad = gait_message([[math.nan, 0.9, 0.0, 0.0]])
+    for count in ("1", "2"):
+        client.publish_gait(bad)
+        client.wait_until(lambda count=count: client.diagnostic("gaits_refused") == count, f"{count} refusals")  # type: ignore[misc]
+    state = client.state()
+    assert state is not None
+    assert state.state is State.READY
+    assert "gait amplitude = nan" in str(client.diagnostic("last_refusal"))
+
+
+def test_without_a_fresh_gait_the_tail_returns_to_neutral(start: Callable[..., Any], client: PlantClient) -> None:
+    start_simulator(start)
+    client.wait_for_state(State.READY)
+    client.publish_gait(gait_message(PAPER_GAIT.rows()))
+    client.wait_for_state(State.SWIMMING)
+    state = client.wait_for_state(State.READY)
+    assert "command_timeout" in state.reason
+    client.wait_until(
+        lambda: client.received(topics.JOINT_STATES)[-1].position[0] == 0.0, "the driven joint at neutral"
+    )
+
+
+def test_a_gait_beyond_the_limits_is_limited_and_reported_so(start: Callable[..., Any], client: PlantClient) -> None:
+    start_simulator(start)
+    client.wait_for_state(State.READY)
+    client.publish_gait(gait_message([[1.0, 50.0, 0.0, 0.1]]))
+    client.wait_for_state(State.SWIMMING)
+    client.wait_until(lambda: client.received(topics.GAIT_APPLIED)[-1].data[0] > 0.0, "gait_applied")
+    amplitude, frequency, _, bias = client.received(topics.GAIT_APPLIED)[-1].data
+    assert amplitude + bias == pytest.approx(math.radians(15.0))
+    assert (frequency, bias) == (5.0, 0.1)
+
+
+def test_a_state_that_is_not_finite_is_a_fault_with_its_reason_and_reset_clears_it(
+    start: Callable[..., Any], client: PlantClient
+) -> None:
+    # A body without weight to speak of, a huge fin, a fast wide gait and a long step: beyond any integration.
+    start_simulator(start, *WILD_FISH)
+    client.wait_for_state(State.READY)
+    client.publish_gait(gait_message([[1.5, 20.0, 0.0, 0.0]]), repeat=True)
+    state = client.wait_for_state(State.FAULT)
+    assert "stopped being finite" in state.reason
+    assert plant_state_from_message(client.received(topics.PLANT_STATE)[-1]).state is State.FAULT
+    client.publish_gait(None)
+    assert client.reset().success
+    client.wait_for_state(State.READY)
+
+
+WILD_FISH = (
+    "speed:=0.0",
+    "step:=0.01",
+    "limits.sweep:=1.5",
+    "limits.frequency:=20.0",
+    "drive.ramp_time:=0.02",
+    "fin.length:=0.5",
+    "fin.height:=0.5",
+    "fin.tip_height:=0.5",
+    "fin.young_modulus:=1.0e7",
+    "fin.segments:=20",
+    "fin.thickness:=1.0e-5",
+    "fin.damping_time:=0.0",
+    "body.mass:=0.001",
+    "body.inertia:=1.0e-6",
+)
