@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 import threading
-import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +19,8 @@ from fin_optimizer.bag import BagError, read_bag, read_velocity
 from fin_optimizer.recorder import Recorder
 from fin_optimizer.score import Measurement, score
 from fin_optimizer.score_bag import score_bag
-from fin_plant import node_process, topics
+from fin_plant import topics
+from support.waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -73,11 +73,7 @@ class Plant:
     """A process that publishes a swim of so many samples whenever asked to."""
 
     def __init__(self, domain: int) -> None:
-        environment = os.environ | {
-            "ROS_DOMAIN_ID": str(domain),
-            "PYTHONPATH": os.pathsep.join(sys.path),
-            "FASTRTPS_DEFAULT_PROFILES_FILE": str(node_process.FAST_DDS_PROFILE),
-        }
+        environment = os.environ | {"ROS_DOMAIN_ID": str(domain), "PYTHONPATH": os.pathsep.join(sys.path)}
         self._process = subprocess.Popen(
             [sys.executable, "-c", PLANT],
             stdin=subprocess.PIPE,
@@ -115,10 +111,7 @@ def plant(ros_domain: int) -> Iterator[Plant]:
 
 
 @pytest.fixture(params=[SingleThreadedExecutor, EventsExecutor])
-def node_and_executor(
-    request: pytest.FixtureRequest, ros_domain: int, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[tuple[Node, Any]]:
-    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(node_process.FAST_DDS_PROFILE))
+def node_and_executor(request: pytest.FixtureRequest, ros_domain: int) -> Iterator[tuple[Node, Any]]:
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=ros_domain)
     node = rclpy.create_node("optimizer", namespace=topics.NAMESPACE, context=context)
@@ -131,10 +124,7 @@ def node_and_executor(
 
 
 def spin_until(executor: Any, condition: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < end, f"no {what} within 30 s"
-        executor.spin_once(timeout_sec=0.05)
+    wait_until(condition, 30.0, what, meanwhile=lambda: executor.spin_once(timeout_sec=0.05))
 
 
 def recorded(plant: Plant, executor: Any, recorder: Recorder, path: Path, samples: int) -> Any:

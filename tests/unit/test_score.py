@@ -79,9 +79,7 @@ def test_a_constant_speed_scores_itself_however_it_is_sampled(intervals: list[in
     speed=st.lists(st.floats(-FASTEST, FASTEST), min_size=101, max_size=101),
     offset=st.integers(0, 2**62),
 )
-def test_the_score_depends_neither_on_the_epoch_nor_exceeds_the_samples(
-    speed: list[float], offset: int
-) -> None:
+def test_the_score_depends_neither_on_the_epoch_nor_exceeds_the_samples(speed: list[float], offset: int) -> None:
     steps = np.arange(101) * (SECOND // 20)
     values = np.array(speed)
     early = score(steps, values, Window(0, 5 * SECOND))
@@ -152,9 +150,7 @@ def test_stamps_that_repeat_or_run_back_are_refused(index: int, back: int) -> No
 
 def test_too_few_samples_are_refused_with_the_number_needed() -> None:
     sparse = EVEN[:: round(100 / MINIMUM_RATE) + 1]
-    with pytest.raises(
-        ScoreError, match=r"window of 10 s holds 91 of 91 velocity samples: needed are at least 100"
-    ):
+    with pytest.raises(ScoreError, match=r"window of 10 s holds 91 of 91 velocity samples: needed are at least 100"):
         score(sparse, speed_of(sparse), TEN_SECONDS)
     with pytest.raises(ScoreError, match="holds 0 of 0"):
         score(np.array([], dtype=np.int64), np.array([]), TEN_SECONDS)
@@ -179,9 +175,7 @@ def test_a_window_must_end_after_it_starts() -> None:
     duration=st.floats(1e-3, 86_400),
     block=st.floats(1e-3, 86_400),
 )
-def test_a_measurement_survives_the_metadata_to_the_last_digit(
-    settle: float, duration: float, block: float
-) -> None:
+def test_a_measurement_survives_the_metadata_to_the_last_digit(settle: float, duration: float, block: float) -> None:
     measurement = Measurement(settle, duration, block)
     assert Measurement.from_metadata({"other": "x"} | measurement.metadata()) == measurement
 
@@ -206,7 +200,5 @@ def test_metadata_out_of_range_give_no_measurement(change: dict[str, str], reaso
 
 
 def test_metadata_without_a_measurement_say_what_is_missing() -> None:
-    with pytest.raises(
-        ScoreError, match=r"lack measurement\.settle_s, measurement\.duration_s, measurement\.block_s"
-    ):
+    with pytest.raises(ScoreError, match=r"lack measurement\.settle_s, measurement\.duration_s, measurement\.block_s"):
         Measurement.from_metadata({})

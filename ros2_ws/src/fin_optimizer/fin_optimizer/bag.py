@@ -182,6 +182,7 @@ class BagWriter:
         self._newest = newest_stamp_ns
         self._held: list[tuple[str, bytes]] = []
         self._summary: BagSummary | None = None
+        self._failure: str | None = None
         self._counts = dict.fromkeys(self._topics, 0)
         self._earliest: int | None = None
         self._latest = 0
@@ -295,35 +296,34 @@ class BagWriter:
         self._flushed_at = time.monotonic()
 
     def close(self) -> BagSummary:
-        """Write index and ``metadata.yaml``; a second call only returns the summary again.
+        """Write index and ``metadata.yaml``; a second call only says the same again.
 
         Raises:
-            BagError: The disk refuses. The bag is then closed, but has no index: what is on the disk can be
-                read by :func:`read_bag`.
+            BagError: The disk refuses, or did before. The bag is then closed, but has no index: what is on the
+                disk can be read by :func:`read_bag`.
         """
-        if self._summary is not None:
-            return self._summary
-        try:
-            with self._failing("close"):
-                # Without any stamp the bag's own moment is the best that is known.
-                self._write_held(time.time_ns() if self._newest is None else self._newest)
-                summary = self._present()
-                information = self._information(summary)
-                self._mcap.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
-                self._mcap.finish()  # type: ignore[no-untyped-call]
-                self._file.flush()
-                os.fsync(self._file.fileno())
-                self._file.close()
-                _write_whole(self.path / "metadata.yaml", _yaml({"rosbag2_bagfile_information": information}))
-        finally:
-            self._summary = self._present()
-            self._release()
-        return summary
+        if self._summary is None:
+            try:
+                with self._failing("close"):
+                    self._summary = self._finish()
+            finally:
+                self._release()
+        return self._summary
 
-    def _present(self) -> BagSummary:
-        """Return what was written so far."""
+    def _finish(self) -> BagSummary:
+        """Write what is still to write and return what the bag holds."""
+        # Without any stamp the bag's own moment is the best that is known.
+        self._write_held(time.time_ns() if self._newest is None else self._newest)
         start = self._latest if self._earliest is None else self._earliest
-        return BagSummary(self.path, dict(self._counts), start, self._latest - start)
+        summary = BagSummary(self.path, dict(self._counts), start, self._latest - start)
+        information = self._information(summary)
+        self._mcap.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
+        self._mcap.finish()  # type: ignore[no-untyped-call]
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._file.close()
+        _write_whole(self.path / "metadata.yaml", _yaml({"rosbag2_bagfile_information": information}))
+        return summary
 
     def _release(self) -> None:
         """Give the file back; what it could not put on the disk was reported before."""
@@ -367,7 +367,12 @@ class BagWriter:
 
     @contextmanager
     def _failing(self, verb: str) -> Iterator[None]:
-        """Turn what the operating system refuses into a BagError that names the bag."""
+        """Turn what the operating system refuses into a BagError that names the bag.
+
+        After a failure nobody knows how much of a record is on the disk, so nothing is written behind it.
+        """
+        if self._failure is not None:
+            raise BagError(self._failure)
         try:
             yield
         except FileExistsError as error:
@@ -375,8 +380,8 @@ class BagWriter:
             raise BagError(msg) from error
         except OSError as error:
             count = sum(self._counts.values())
-            msg = f"cannot {verb} bag {self.path}: {error.strerror or error} (after {count} messages)"
-            raise BagError(msg) from error
+            self._failure = f"cannot {verb} bag {self.path}: {error.strerror or error} (after {count} messages)"
+            raise BagError(self._failure) from error
 
     def __enter__(self) -> Self:
         return self
