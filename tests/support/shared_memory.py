@@ -27,10 +27,7 @@ def _in_use() -> set[str]:
 def remove_stale_segments() -> list[str]:
     """Remove this user's Fast DDS segments that no process uses any more; return their names."""
     own = [
-        path
-        for pattern in ("fastrtps_*", "sem.fastrtps_*")
-        for path in _FOLDER.glob(pattern)
-        if _is_old_and_own(path)
+        path for pattern in ("fastrtps_*", "sem.fastrtps_*") for path in _FOLDER.glob(pattern) if _is_old_and_own(path)
     ]
     in_use = _in_use() if own else set()
     stale = [path for path in own if str(path) not in in_use]

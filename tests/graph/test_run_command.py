@@ -1,0 +1,100 @@
+"""`./run` is `ros2 run`: same executables, same signals, same exit codes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.processes import INSTALL, ROOT, StartedProcess, workspace_environment
+from support.waiting import wait_until
+
+EXECUTABLES = sorted(
+    (path.parent.name, path.name) for path in INSTALL.glob("*/lib/*/*") if path.is_file() and os.access(path, os.X_OK)
+)
+
+
+def run(*arguments: str, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [str(ROOT / "run"), *arguments],
+        capture_output=True,
+        text=True,
+        env=os.environ | (environment or {}),
+        stdin=subprocess.DEVNULL,
+        check=False,
+    )
+
+
+def test_without_arguments_it_lists_every_executable() -> None:
+    result = run()
+    assert result.returncode == 0
+    assert "./run fin_sim simulator\n" in result.stdout
+    assert "./run fin_optimizer optimizer\n" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("fin_simm", "simulator"), "no package 'fin_simm'"),
+        (("fin_sim", "simulatr"), "no executable 'simulatr'"),
+        (("fin_sim",), "no executable ''"),
+        (("fin_sim", "../fin_sim/simulator"), "no executable '../fin_sim/simulator'"),
+    ],
+)
+def test_an_unknown_name_is_refused_with_what_there_is(arguments: tuple[str, ...], message: str) -> None:
+    result = run(*arguments)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert "./run fin_sim simulator\n" in result.stderr
+
+
+def test_the_process_is_the_executable_itself_and_ctrl_c_reaches_it(ros_domain: int, tmp_path: Path) -> None:
+    log = tmp_path / "simulator.log"
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [str(ROOT / "run"), "fin_sim", "simulator"],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env=os.environ | {"ROS_LOG_DIR": str(tmp_path)},
+        )
+    started = StartedProcess("./run fin_sim simulator", process, log)
+    command = Path(f"/proc/{process.pid}/cmdline")
+    executable = str(INSTALL / "fin_sim" / "lib" / "fin_sim" / "simulator")
+    try:
+        wait_until(lambda: executable in command.read_text().split("\0"), 10, "exec of the simulator")
+        started.wait_for_output("kernel ready")
+        started.signal(signal.SIGINT)
+        assert started.wait(timeout=15) == 130
+    finally:
+        complaints = started.end()
+    assert complaints == []
+
+
+def test_an_environment_that_is_set_already_is_kept() -> None:
+    script = (
+        f'. "{ROOT}/scripts/environment.sh" && echo "$ROS_AUTOMATIC_DISCOVERY_RANGE $FASTRTPS_DEFAULT_PROFILES_FILE"'
+    )
+    given = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTRTPS_DEFAULT_PROFILES_FILE": "/my/profile.xml"}
+    result = subprocess.run(
+        ["bash", "-euc", script], capture_output=True, text=True, check=True, env=os.environ | given
+    )
+    assert result.stdout.strip() == "SUBNET /my/profile.xml"
+
+
+@pytest.mark.parametrize(("package", "executable"), EXECUTABLES)
+def test_an_installed_executable_can_be_loaded(package: str, executable: str) -> None:
+    load = f"from importlib.metadata import distribution as d; d({package!r}).entry_points[{executable!r}].load()"
+    result = subprocess.run(
+        [sys.executable, "-c", load],
+        capture_output=True,
+        text=True,
+        env=workspace_environment(),
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr

@@ -1,0 +1,35 @@
+"""What the packages of the workspace consist of, read from their sources without importing them."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+SOURCE = Path(__file__).resolve().parents[2] / "ros2_ws" / "src"
+PACKAGES = ("fin_plant", "fin_sim", "fin_servo_driver", "fin_optimizer")
+
+
+def modules(package: str) -> dict[str, Path]:
+    """Return a package's modules by their dotted names."""
+    root = SOURCE / package
+    found = {}
+    for path in sorted((root / package).rglob("*.py")):
+        parts = path.relative_to(root).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imported(path: Path) -> set[str]:
+    """Return the dotted names that a source file imports, wherever in the file; those for type checking too."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+    return names
+
+
+def imported_packages(path: Path) -> set[str]:
+    """Return the top-level names that a source file imports."""
+    return {name.partition(".")[0] for name in imported(path)}

@@ -1,0 +1,128 @@
+"""Arrows go one way: nodes import cores, and a core runs on a machine that has never heard of ROS."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+
+from support.source_tree import PACKAGES, SOURCE, imported_packages, modules
+
+# The thin ROS face of each package. Whoever adds a module here moves it out of the core.
+ROS_MODULES = {
+    "fin_optimizer.observation",
+    "fin_optimizer.optimizer",
+    "fin_optimizer.plant_client",
+    "fin_optimizer.recorder",
+    "fin_plant.messages",
+    "fin_plant.node_parameters",
+    "fin_plant.node_process",
+    "fin_plant.topics",
+    "fin_sim.markers",
+    "fin_sim.message_template",
+    "fin_sim.simulator",
+}
+# Physics, search and scoring: may never be listed above, and a renamed one must be renamed here.
+CORE_MODULES = {
+    "fin_optimizer.score",
+    "fin_optimizer.search",
+    "fin_optimizer.trial",
+    "fin_plant.checks",
+    "fin_plant.fin",
+    "fin_plant.gait",
+    "fin_plant.parameters",
+    "fin_sim.case",
+    "fin_sim.chain",
+    "fin_sim.dynamics",
+    "fin_sim.fish",
+    "fin_sim.swim",
+}
+MAY_IMPORT = {
+    "fin_plant": set[str](),
+    "fin_sim": {"fin_plant"},
+    "fin_servo_driver": {"fin_plant"},
+    "fin_optimizer": {"fin_plant", "fin_sim"},
+}
+# Of a core, the servo driver's back ends and the optimiser's bag, which are for this, aside.
+INPUT_AND_OUTPUT = {"mcap", "mcap_ros2", "rosbags", "serial", "optuna", "matplotlib"}
+
+ALL_MODULES = {name: path for package in PACKAGES for name, path in modules(package).items()}
+PURE_MODULES = sorted(ALL_MODULES.keys() - ROS_MODULES)
+
+IMPORT_WITHOUT_ROS = """
+import importlib, json, sys
+
+class NoRos:
+    def find_spec(self, name, path=None, target=None):
+        top = name.partition(".")[0]
+        ros = top.startswith(("rclpy", "rosidl", "rcl_", "ament", "launch"))
+        if ros or top.endswith(("_msgs", "_srvs", "_interfaces")):
+            raise ImportError(f"{name} is blocked: this is a machine without ROS")
+
+sys.meta_path.insert(0, NoRos())
+failures = {}
+for name in json.load(sys.stdin):
+    try:
+        importlib.import_module(name)
+    except Exception as error:
+        failures[name] = f"{type(error).__name__}: {error}"
+json.dump(failures, sys.stdout)
+"""
+
+
+@pytest.fixture(scope="module")
+def failures_without_ros() -> dict[str, str]:
+    """Return for each pure module that does not import without ROS the reason."""
+    paths = os.pathsep.join(str(SOURCE / package) for package in PACKAGES)
+    result = subprocess.run(
+        [sys.executable, "-c", IMPORT_WITHOUT_ROS],
+        input=json.dumps(PURE_MODULES),
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return dict(json.loads(result.stdout))
+
+
+@pytest.mark.parametrize("module", PURE_MODULES)
+def test_a_module_outside_the_ros_face_imports_without_ros(module: str, failures_without_ros: dict[str, str]) -> None:
+    assert failures_without_ros.get(module) is None
+
+
+def test_ros_is_really_blocked_while_the_cores_are_imported() -> None:
+    check = IMPORT_WITHOUT_ROS.replace("json.load(sys.stdin)", '["rclpy", "std_msgs.msg"]')
+    result = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
+    assert sorted(json.loads(result.stdout)) == ["rclpy", "std_msgs.msg"]
+
+
+def test_physics_search_and_scoring_are_core_modules() -> None:
+    assert not ROS_MODULES & CORE_MODULES
+    assert sorted(CORE_MODULES - ALL_MODULES.keys()) == []
+
+
+def test_the_list_of_ros_modules_names_only_modules_that_exist_and_use_ros() -> None:
+    assert sorted(ROS_MODULES - ALL_MODULES.keys()) == []
+
+
+@pytest.mark.parametrize("module", sorted(CORE_MODULES))
+def test_a_core_neither_reads_nor_writes_bags_ports_or_plots(module: str) -> None:
+    assert imported_packages(ALL_MODULES[module]) & INPUT_AND_OUTPUT == set()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_imports_only_the_packages_below_it(package: str) -> None:
+    for name, path in modules(package).items():
+        others = (imported_packages(path) & set(PACKAGES)) - {package}
+        assert others <= MAY_IMPORT[package], name
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_an_edge_between_packages_stands_in_package_xml(package: str) -> None:
+    manifest = (SOURCE / package / "package.xml").read_text()
+    used = {other for path in modules(package).values() for other in imported_packages(path) & set(PACKAGES)}
+    for other in used - {package}:
+        assert f"<exec_depend>{other}</exec_depend>" in manifest

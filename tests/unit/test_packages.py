@@ -1,0 +1,120 @@
+"""The packages say truthfully what they are made of: manifest, dependencies, executables, installed files."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from catkin_pkg.package import parse_package
+
+from support.source_tree import PACKAGES, SOURCE, imported_packages, modules
+
+ROOT = SOURCE.parents[1]
+# Import name -> rosdep key, where they differ; None where rosdep has no key (package.xml says what to do then).
+ROSDEP_KEYS = {
+    "PIL": "python3-pil",
+    "ament_index_python": "ament_index_python",
+    "cmaes": None,
+    "launch": "launch",
+    "launch_ros": "launch_ros",
+    "matplotlib": "python3-matplotlib",
+    "mcap": "mcap-ros2-support",
+    "mcap_ros2": "mcap-ros2-support",
+    "numba": "python3-numba",
+    "numpy": "python3-numpy",
+    "optuna": None,
+    "platformdirs": "python3-platformdirs",
+    "rich": "python3-rich",
+    "rosbags": "python3-rosbags-pip",
+    "scipy": "python3-scipy",
+    "serial": "python3-serial",
+    "yaml": "python3-yaml",
+    "zstandard": None,
+}
+
+
+def setup_arguments(package: str) -> dict[str, ast.expr]:
+    """Return the keyword arguments of the setup() call in a package's setup.py, unevaluated."""
+    for node in ast.walk(ast.parse((SOURCE / package / "setup.py").read_text())):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "setup":
+            return {keyword.arg: keyword.value for keyword in node.keywords if keyword.arg}
+    pytest.fail(f"no setup() in {package}/setup.py")
+
+
+def entry_points() -> list[str]:
+    found = []
+    for package in PACKAGES:
+        scripts: dict[str, list[str]] = ast.literal_eval(setup_arguments(package)["entry_points"])
+        found += scripts["console_scripts"]
+    return found
+
+
+@pytest.fixture(params=PACKAGES)
+def manifest(request: pytest.FixtureRequest) -> Any:
+    """Return a package.xml; parsing it checks it against its format."""
+    warnings: list[str] = []
+    package = parse_package(SOURCE / str(request.param) / "package.xml", warnings=warnings)
+    assert warnings == []
+    return package
+
+
+def test_the_manifest_is_valid_and_agrees_with_setup_py(manifest: Any) -> None:
+    arguments = setup_arguments(manifest.name)
+    assert manifest.package_format == 3
+    assert manifest.get_build_type() == "ament_python"
+    assert manifest.licenses == ["Apache-2.0"] == [ast.literal_eval(arguments["license"])]
+    assert manifest.version == ast.literal_eval(arguments["version"])
+    assert manifest.description == ast.literal_eval(arguments["description"])
+    assert manifest.maintainers[0].email == ast.literal_eval(arguments["maintainer_email"])
+
+
+def test_what_a_package_imports_stands_in_its_manifest_and_nothing_else(manifest: Any) -> None:
+    declared = {dependency.name for dependency in manifest.exec_depends}
+    used = set()
+    files = [*modules(manifest.name).values(), *(SOURCE / manifest.name).glob("launch/*.launch.py")]
+    for path in files:
+        for name in imported_packages(path) - {manifest.name, "__future__"} - sys.stdlib_module_names:
+            key = ROSDEP_KEYS.get(name, name)
+            if key is not None:
+                used.add(key)
+    assert sorted(used - declared) == []
+    assert sorted(declared - used) == []
+
+
+def test_every_third_party_import_is_pinned() -> None:
+    pinned = " ".join(path.read_text().lower() for path in (ROOT / "requirements").glob("*.txt"))
+    distributions = {"PIL": "pillow", "mcap_ros2": "mcap-ros2-support", "serial": "pyserial", "yaml": "pyyaml"}
+    for name in ROSDEP_KEYS.keys() - {"launch", "launch_ros"}:
+        distribution = distributions.get(name, name).lower().replace("_", "-")
+        assert re.search(rf"(^|\s|ros-){re.escape(distribution)}==", pinned), name
+
+
+def test_every_requirement_is_pinned_exactly() -> None:
+    for path in (ROOT / "requirements").glob("*.txt"):
+        for line in path.read_text().splitlines():
+            pin = r"[a-z0-9-]+(\[[a-z]+\])?==[^;\s]+(; python_version (<|>=) \"3\.1\d\")?"
+            assert not line or line.startswith("#") or re.fullmatch(pin, line), f"{path.name}: {line}"
+
+
+@pytest.mark.parametrize("entry_point", entry_points())
+def test_an_executable_leads_to_a_function_that_exists(entry_point: str) -> None:
+    _, module, function = re.fullmatch(r"(\w+) = ([\w.]+):(\w+)", entry_point).groups()  # type: ignore[union-attr]
+    specification = importlib.util.find_spec(module)
+    assert specification is not None
+    assert specification.origin is not None
+    tree = ast.parse(Path(specification.origin).read_text())
+    assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_file_beside_the_modules_is_installed(package: str) -> None:
+    patterns = ast.literal_eval(ast.unparse(setup_arguments(package)["package_data"]).replace("NAME", f"'{package}'"))
+    folder = SOURCE / package / package
+    data = {path for path in folder.rglob("*") if path.is_file() and path.suffix not in {".py", ".pyc", ".nbc", ".nbi"}}
+    installed = {path for pattern in patterns[package] for path in folder.glob(pattern)}
+    assert sorted(data - installed) == []
