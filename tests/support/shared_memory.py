@@ -13,7 +13,7 @@ _SETTLED_SECONDS = 5.0
 
 def _in_use() -> set[str]:
     """Return the paths below /dev/shm that a process maps or holds open."""
-    found = set()
+    found: set[str] = set()
     for process in Path("/proc").glob("[0-9]*"):
         try:
             lines = (process / "maps").read_text().splitlines()

@@ -21,7 +21,7 @@ def modules(package: str) -> dict[str, Path]:
 
 def imported(path: Path) -> set[str]:
     """Return the dotted names that a source file imports, wherever in the file; those for type checking too."""
-    names = set()
+    names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
