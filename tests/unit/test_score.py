@@ -60,7 +60,7 @@ def test_uneven_sampling_does_not_favour_the_times_with_more_samples() -> None:
 def test_samples_outside_the_window_do_not_count() -> None:
     around = START + np.arange(-500, 1501) * (SECOND // 100)
     speed = speed_of(around)
-    speed[:500], speed[1501:] = np.nan, 7.0
+    speed[:500], speed[1501:] = np.nan, 7.0  # the samples on both ends of the window make these irrelevant
     assert score(around, speed, TEN_SECONDS) == score(EVEN, speed_of(EVEN), TEN_SECONDS)
 
 
@@ -87,6 +87,34 @@ def test_the_score_depends_neither_on_the_epoch_nor_exceeds_the_samples(speed: l
     assert early == late or (math.isnan(early.spread) and math.isnan(late.spread))
     slack = 1e-12 * FASTEST  # roundings
     assert min(speed) - slack <= early.value <= max(speed) + slack
+
+
+@given(phase=st.integers(1, SECOND // 100 - 1))
+def test_a_window_that_starts_between_two_samples_is_averaged_as_a_whole(phase: int) -> None:
+    stamps = EVEN[0] - phase + np.arange(1010) * (SECOND // 100)
+    rising = (stamps - START) / (10 * SECOND)
+    result = score(stamps, rising, TEN_SECONDS)
+    assert result.value == pytest.approx(0.5, rel=1e-12)  # roundings; without the ends it would be up to 5e-4 off
+    assert result.samples == 1000
+
+
+@pytest.mark.parametrize("beyond", [math.nan, 1e9], ids=["not finite", "impossible"])
+def test_an_end_without_usable_neighbour_beyond_takes_the_nearest_sample(beyond: float) -> None:
+    stamps = START + SECOND // 200 + np.arange(-1, 1001) * (SECOND // 100)
+    rising = (stamps - START) / (10 * SECOND)
+    lost = rising.copy()
+    lost[0] = lost[-1] = beyond
+    expected = score(stamps[1:-1], rising[1:-1], TEN_SECONDS)
+    assert score(stamps, lost, TEN_SECONDS) == expected
+    assert expected.value == pytest.approx(0.5, rel=1e-12)  # what both ends miss is equal here
+
+
+def test_the_mean_of_the_blocks_is_the_score() -> None:
+    blocks = [Window(START + k * SECOND, START + (k + 1) * SECOND) for k in range(10)]
+    means = [score(EVEN, speed_of(EVEN), block).value for block in blocks]
+    whole = score(EVEN, speed_of(EVEN), TEN_SECONDS, block=1.0)
+    assert np.mean(means) == pytest.approx(whole.value, rel=1e-14)  # some roundings
+    assert np.std(means, ddof=1) == pytest.approx(whole.spread, rel=1e-12)
 
 
 def test_swapping_the_sum_of_the_samples_around_changes_no_digit() -> None:

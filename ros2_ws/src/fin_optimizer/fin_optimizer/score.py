@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -141,10 +142,12 @@ def score(
 ) -> Score:
     """Return the mean forward speed over the window.
 
-    The mean is the trapezoidal time average between the first and the last sample of the window: distance
-    swum over time needed, which is what a laboratory reads off a ruler and a stop-watch. A plain mean of the
-    samples would favour times at which a tracker delivered more of them, and counts the first and the last
-    sample twice as much as their share of the time; with even sampling they agree but for those half samples.
+    The mean is the time average over the whole window of the straight lines through the samples (trapezoidal
+    rule): distance swum over time needed, which is what a laboratory reads off a ruler and a stop-watch. A plain
+    mean of the samples would favour times at which a tracker delivered more of them, and count the samples at
+    both ends twice as much as their share of the time. Where no sample lies on an end of the window, its
+    neighbours on both sides give the speed there, or the nearest one if there is none beyond: a robot's samples
+    fall anywhere, and from rest 10 ms less at the start are 0.1 % of a mean over 10 s.
 
     Args:
         stamps_ns: Header stamps in ns, shape (n,), strictly increasing. They may reach beyond the window.
@@ -176,8 +179,9 @@ def score(
             f"{speed.size} samples are not finite or beyond {FASTEST:g} m/s: all in the window must be usable"
         )
         raise ScoreError(msg)
-    spread = _spread(stamps, speed, window, block)
-    return Score(_time_average(stamps, speed), int(stamps.size), spread, longest_gap)
+    near = _near(stamps_ns, forward_speed, window)
+    value = _time_average(*near, window.start_ns, window.end_ns)
+    return Score(value, int(stamps.size), _spread(*near, window, block), longest_gap)
 
 
 def _check_order(stamps: NDArray[np.int64], speed: NDArray[np.float64]) -> None:
@@ -210,15 +214,27 @@ def _check_gaps(stamps: NDArray[np.int64], window: Window) -> float:
     return float(gaps[1:-1].max()) / NANOSECONDS
 
 
+def _near(
+    stamps: NDArray[np.int64], speed: NDArray[np.float64], window: Window
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the usable samples of the window and those beyond its ends that tell the speed at them."""
+    reach = round(LONGEST_GAP * NANOSECONDS)
+    near = (stamps >= window.start_ns - reach) & (stamps <= window.end_ns + reach) & (np.abs(speed) <= FASTEST)
+    return stamps[near], speed[near]
+
+
 def _after(stamp: np.int64, window: Window) -> str:
     return f"{(int(stamp) - window.start_ns) / NANOSECONDS:g} s into the window"
 
 
-def _time_average(stamps: NDArray[np.int64], speed: NDArray[np.float64]) -> float:
-    """Return the trapezoidal time average; its sum is correctly rounded, whatever the order."""
-    interval = np.diff(stamps)
-    weight = np.concatenate((interval, [0])) + np.concatenate(([0], interval))
-    return math.fsum((speed * weight).tolist()) / (2 * int(stamps[-1] - stamps[0]))
+def _time_average(stamps: NDArray[np.int64], speed: NDArray[np.float64], start: int, end: int) -> float:
+    """Return the mean over [start, end] (ns) of the lines through the samples; its sum is correctly rounded."""
+    first, last = np.searchsorted(stamps, start, side="left"), np.searchsorted(stamps, end, side="right")
+    time = np.concatenate(([0], stamps[first:last] - start, [end - start]))
+    at_start, at_end = np.interp([0, end - start], stamps - start, speed)
+    value = np.concatenate(([at_start], speed[first:last], [at_end]))
+    areas = np.diff(time) * (value[1:] + value[:-1])
+    return math.fsum(areas.tolist()) / (2 * (end - start))
 
 
 def _spread(stamps: NDArray[np.int64], speed: NDArray[np.float64], window: Window, block: float) -> float:
@@ -228,10 +244,9 @@ def _spread(stamps: NDArray[np.int64], speed: NDArray[np.float64], window: Windo
     if count < _MINIMUM_SAMPLES:
         return math.nan
     edges = window.start_ns + length * np.arange(count + 1)
-    first = np.searchsorted(stamps, edges[:-1], side="left")
-    last = np.searchsorted(stamps, edges[1:], side="right")
-    if np.any(last - first < _MINIMUM_SAMPLES):
+    samples = np.searchsorted(stamps, edges[1:], side="right") - np.searchsorted(stamps, edges[:-1], side="left")
+    if np.any(samples < _MINIMUM_SAMPLES):
         return math.nan
-    means = [_time_average(stamps[a:b], speed[a:b]) for a, b in zip(first, last, strict=True)]
+    means = [_time_average(stamps, speed, a, b) for a, b in pairwise(edges.tolist())]
     centre = math.fsum(means) / count
     return math.sqrt(math.fsum((mean - centre) ** 2 for mean in means) / (count - 1))
