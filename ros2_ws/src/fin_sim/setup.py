@@ -27,6 +27,8 @@ setup(
     entry_points={
         "console_scripts": [
             "simulator = fin_sim.simulator:main",
+            "swim = fin_sim.swim_command:main",
+            "validation = fin_sim.validation.command:main",
         ],
     },
 )

@@ -1,0 +1,161 @@
+"""Pictures of swims: figures over a sweep, one swim's course and figures over time, and an animation."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from typing import TYPE_CHECKING
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("Agg")  # files only: a robot has no screen
+
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from numpy.typing import NDArray
+
+    from fin_sim.sweep import Axis
+    from fin_sim.swim_result import Swim
+
+BODY_COLOUR, TAIL_COLOUR, FIN_COLOUR, PATH_COLOUR = "#29588a", "#595961", "#ed8c24", "#9aa5b1"
+_FRAMES_PER_SECOND = 25
+# A GIF of more frames takes minutes to write and tens of megabytes.
+_MOST_FRAMES = 750
+ANIMATIONS = (".gif", ".mp4")
+
+
+def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, NDArray[np.object_]]:
+    """Return a figure of these inches and its axes, shape (rows, columns)."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes: NDArray[np.object_] = figure.subplots(rows, columns, squeeze=False)
+    for axis in axes.flat:
+        axis.grid(visible=True, color="#e4e7eb", linewidth=0.8)
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def plot_swim(swim: Swim, path: Path) -> None:
+    """Draw course, forward speed, joint angles and servo power of a swim into a PNG.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    figure, axes = new_figure(10.0, 7.0, 2, 2)
+    course, speed, joints, power = axes.flat
+    course.plot(100.0 * swim.tip_path[:, 0], 100.0 * swim.tip_path[:, 1], color=FIN_COLOUR, lw=0.6, label="trailing edge")
+    course.plot(100.0 * swim.x, 100.0 * swim.y, color=BODY_COLOUR, label="centre of mass")
+    course.set(xlabel="x, cm", ylabel="y, cm", title="Course", aspect="equal", adjustable="datalim")
+    course.legend(frameon=False)
+    speed.plot(swim.time, 100.0 * swim.surge, color=BODY_COLOUR)
+    speed.axhline(100.0 * swim.mean_speed, color=FIN_COLOUR, ls="--", label=f"mean over the run {100 * swim.mean_speed:.2f}")
+    speed.set(xlabel="time, s", ylabel="forward speed, cm/s", title="Forward speed")
+    speed.legend(frameon=False)
+    for index, (driven, angles) in enumerate(zip(swim.chain.driven, swim.joint_angles.T, strict=True), start=1):
+        label = f"joint {index} ({'driven' if driven else 'hinge'})" if len(swim.chain.links) <= 6 else None  # noqa: PLR2004
+        joints.plot(swim.time, np.degrees(angles), color=TAIL_COLOUR if driven else None, label=label)
+    joints.set(xlabel="time, s", ylabel="angle, degrees", title="Joints")
+    if len(swim.chain.links) <= 6:  # noqa: PLR2004
+        joints.margins(y=0.2)
+        joints.legend(frameon=False, fontsize="small", loc="upper right", ncols=3)
+    power.plot(swim.time, 1000.0 * swim.servo_power, color=FIN_COLOUR)
+    power.set(xlabel="time, s", ylabel="servo power, mW", title="Servo power")
+    figure.savefig(path, dpi=120)
+
+
+def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path) -> None:
+    """Draw mean and steady speed over the first swept number, one curve for each value of the second, into a PNG.
+
+    Args:
+        axes: One or two.
+        rows: A row a swim, with the swept numbers and the figures by name.
+        path: The file.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    figure, panels = new_figure(10.0, 4.5, 1, 2)
+    first, second = axes[0], (axes[1] if len(axes) > 1 else None)
+    logarithmic = _spans_decades(first.values)
+    for panel, name in zip(panels.flat, ("mean_speed", "steady_speed"), strict=True):
+        for value in second.values if second else (None,):
+            chosen = [row for row in rows if second is None or row[second.name] == value]
+            speeds = [math.nan if row[name] is None else 100.0 * row[name] for row in chosen]  # type: ignore[operator]
+            label = f"{second.name} = {value:g}" if second else None
+            panel.plot([row[first.name] for row in chosen], speeds, marker="o", ms=3, label=label)
+        panel.set(xlabel=first.name, ylabel=f"{name.replace('_', ' ')}, cm/s", ylim=(0.0, None))
+        if logarithmic:
+            panel.set_xscale("log")
+        if second:
+            panel.legend(frameon=False, fontsize="small")
+    figure.savefig(path, dpi=120)
+
+
+def _spans_decades(values: tuple[float, ...]) -> bool:
+    return min(values) > 0.0 and max(values) >= 20.0 * min(values)  # noqa: PLR2004
+
+
+def check_animation(path: Path) -> None:
+    """Refuse a file that no animation can be written to.
+
+    Raises:
+        ValueError: Not .gif or .mp4, or .mp4 without the program ffmpeg.
+    """
+    if path.suffix.lower() not in ANIMATIONS:
+        msg = f"{path}: an animation's name must end in {' or '.join(ANIMATIONS)}"
+        raise ValueError(msg)
+    if path.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
+        msg = f"{path}: MP4 needs the program ffmpeg, which is not installed: install it or write a .gif"
+        raise ValueError(msg)
+
+
+def animate_swim(swim: Swim, path: Path, body_axes: tuple[float, float]) -> None:
+    """Draw a swim from above as GIF or MP4 in real time: body, tail, fin and the path swum.
+
+    Args:
+        swim: The swim.
+        path: The file, .gif or .mp4.
+        body_axes: Length and width of the body, m.
+
+    Raises:
+        ValueError: See `check_animation`.
+        OSError: The file cannot be written.
+    """
+    check_animation(path)
+    frames = max(2, min(round(swim.duration * _FRAMES_PER_SECOND), _MOST_FRAMES))
+    samples = np.linspace(0, len(swim.time) - 1, frames).round().astype(int)
+    joints, centre = 100.0 * swim.joint_path, 100.0 * np.stack((swim.x, swim.y), axis=-1)
+    figure, axes = new_figure(8.0, 4.5)
+    axis: Axes = axes[0, 0]
+    reach = 100.0 * body_axes[0]
+    low = np.minimum(centre.min(axis=0) - 0.6 * reach, joints.min(axis=(0, 1)) - 0.1 * reach)
+    high = np.maximum(centre.max(axis=0) + 0.6 * reach, joints.max(axis=(0, 1)) + 0.1 * reach)
+    axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x, cm", ylabel="y, cm", aspect="equal")
+    (path_line,) = axis.plot([], [], color=PATH_COLOUR, lw=1.0)
+    body = Ellipse((0.0, 0.0), 100.0 * body_axes[0], 100.0 * body_axes[1], color=BODY_COLOUR)
+    axis.add_patch(body)
+    colours = [TAIL_COLOUR if driven else FIN_COLOUR for driven in swim.chain.driven]
+    tail = LineCollection([], colors=colours, linewidths=3.0, capstyle="round")
+    axis.add_collection(tail, autolim=False)
+
+    def draw(frame: int) -> list[object]:
+        at = samples[frame]
+        path_line.set_data(centre[: at + 1, 0], centre[: at + 1, 1])
+        body.set_center((float(centre[at, 0]), float(centre[at, 1])))
+        body.set_angle(math.degrees(swim.heading[at]))
+        tail.set_segments(list(np.stack((joints[at, :-1], joints[at, 1:]), axis=1)))
+        axis.set_title(f"{swim.time[at]:5.2f} s   {100.0 * swim.surge[at]:5.2f} cm/s", family="monospace")
+        return [path_line, body, tail]
+
+    animation = FuncAnimation(figure, draw, frames=frames, blit=False)  # type: ignore[arg-type]
+    rate = max(1, round((frames - 1) / swim.duration))
+    writer = FFMpegWriter(fps=rate) if path.suffix.lower() == ".mp4" else PillowWriter(fps=rate)
+    animation.save(path, writer=writer, dpi=90)

@@ -1,0 +1,232 @@
+"""What one swim of the command needs, and sweeps of it over one or two of its numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from fin_plant import checks
+from fin_plant.fin import FIN_PARAMETERS, Fin
+from fin_plant.gait import Gait, gait_preset
+from fin_plant.parameters import ParameterTable, Value
+from fin_sim.chain import CLAMPS, Chain, Clamp, Reactive, build_chain
+from fin_sim.fish import Fish
+from fin_sim.servo import Servo
+from fin_sim.swim import SIMULATOR_PARAMETERS, swim_chain
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from fin_sim.swim_result import Swim
+
+# What only the node has: its pace and its rate of messages.
+_NODE_ONLY = {"speed", "sample_rate", "reactive", "step"}
+PARAMETERS = ParameterTable(
+    {**FIN_PARAMETERS, **{n: entry for n, entry in SIMULATOR_PARAMETERS.items() if n not in _NODE_ONLY}}
+)
+"""Parameters of fin, fish, water and servo, by the names that the node gives them."""
+
+GAIT_NUMBERS = ("amplitude", "frequency", "bias", "tow_speed")
+"""What a sweep can run over besides the parameters: degrees, Hz, degrees, m/s."""
+
+_LARGEST_SWEEP = 10_000
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One swim as the command describes it.
+
+    Attributes:
+        values: Parameters of `PARAMETERS` that differ from their defaults.
+        gait: Name of the gait.
+        amplitude: Of the last driven joint, degrees.
+        frequency: Hz.
+        bias: Of every driven joint, degrees.
+        duration: s.
+        ramp_time: s.
+        reactive: ``distributed`` or ``tip``.
+        clamp: ``free``, ``fixed`` or ``towed``.
+        tow_speed: m/s, for ``towed``.
+        step: Longest time step, s.
+    """
+
+    values: dict[str, Value]
+    gait: str = "carangiform"
+    amplitude: float = 15.0
+    frequency: float = 0.9
+    bias: float = 0.0
+    duration: float = 10.0
+    ramp_time: float = 0.5
+    reactive: Reactive = "distributed"
+    clamp: Clamp = "free"
+    tow_speed: float = 0.0
+    step: float = 1e-3
+
+    def fin(self) -> Fin:
+        """Return the fin.
+
+        Raises:
+            ValueError: A value that is refused.
+        """
+        return Fin.from_parameters(self.values)
+
+    def chain(self) -> Chain:
+        """Return the chain.
+
+        Raises:
+            ValueError: A value that is refused.
+        """
+        checks.choice("clamp", self.clamp, CLAMPS)
+        fish = Fish.from_parameters(PARAMETERS.checked(self.values))
+        return build_chain(
+            fish, self.fin(), reactive=self.reactive, clamp=self.clamp, tow_speed=self.tow_speed
+        )
+
+    def drive(self, joints: int) -> Gait:
+        """Return the gait for a tail of so many driven joints.
+
+        Raises:
+            ValueError: A gait that does not fit the tail, or a drive that is refused.
+        """
+        checks.number("amplitude", self.amplitude, 0.0, 180.0, unit="degrees")
+        checks.number("bias", self.bias, -180.0, 180.0, unit="degrees")
+        gait = gait_preset(self.gait, joints, math.radians(self.amplitude), self.frequency)
+        return Gait(tuple(replace(joint, bias=math.radians(self.bias)) for joint in gait.joints))
+
+    def swim(self) -> Swim:
+        """Swim it.
+
+        Raises:
+            ValueError: A value that is refused.
+            StepError: The state stopped being finite.
+        """
+        chain = self.chain()
+        return swim_chain(
+            chain,
+            self.drive(sum(chain.driven)),
+            self.duration,
+            servo=Servo.from_parameters(PARAMETERS.checked(self.values)),
+            ramp_time=self.ramp_time,
+            step=self.step,
+        )
+
+    def changed(self, name: str, value: float) -> Plan:
+        """Return the plan with one number changed.
+
+        Raises:
+            ValueError: An unknown name.
+        """
+        if name in GAIT_NUMBERS:
+            return replace(self, **{name: value})  # type: ignore[arg-type]
+        PARAMETERS.require(name)
+        return replace(self, values={**self.values, name: value})
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One number of a sweep and the values that it takes."""
+
+    name: str
+    values: tuple[float, ...]
+
+
+def parse_axis(text: str) -> Axis:
+    """Return the axis of ``NAME=FIRST:LAST:COUNT``, ``NAME=FIRST:LAST:COUNT:log`` or ``NAME=VALUE,VALUE,...``.
+
+    Raises:
+        ValueError: Another form, or a name that cannot be swept.
+    """
+    name, _, rule = text.partition("=")
+    if name not in GAIT_NUMBERS:
+        parameter = PARAMETERS.require(name)
+        if parameter.kind not in {"double", "integer"}:
+            msg = f"sweep over {name}: it is no number; sweep over one that is"
+            raise ValueError(msg)
+    try:
+        if ":" in rule:
+            values = _spaced(rule.split(":"))
+        else:
+            values = tuple(float(part) for part in rule.split(","))
+    except ValueError as error:
+        msg = f"sweep {text!r} must read {name}=FIRST:LAST:COUNT[:log] or {name}=VALUE,VALUE,...: {error}"
+        raise ValueError(msg) from None
+    return Axis(name, values)
+
+
+def _spaced(parts: list[str]) -> tuple[float, ...]:
+    logarithmic = parts[3:] == ["log"]
+    if len(parts) != 3 and not logarithmic:  # noqa: PLR2004
+        msg = "three numbers, and log or nothing"
+        raise ValueError(msg)
+    first, last = (checks.number(f"{end} value", float(part)) for end, part in zip(("first", "last"), parts, strict=False))
+    count = checks.whole_number("count", float(parts[2]), 2, _LARGEST_SWEEP)
+    if logarithmic and min(first, last) <= 0.0:
+        msg = "a logarithmic sweep needs values above 0"
+        raise ValueError(msg)
+    spaced = np.geomspace(first, last, count) if logarithmic else np.linspace(first, last, count)
+    return tuple(map(float, spaced))
+
+
+def sweep_plans(plan: Plan, axes: list[Axis]) -> list[tuple[tuple[float, ...], Plan]]:
+    """Return the swims of a sweep and their numbers, the first axis varying slowest; every plan is checked.
+
+    Raises:
+        ValueError: More than two axes, one twice, too many swims, or a value that is refused.
+    """
+    if len(axes) > 2 or len({axis.name for axis in axes}) < len(axes):  # noqa: PLR2004
+        msg = f"sweep over {', '.join(axis.name for axis in axes)}: one or two different numbers can be swept"
+        raise ValueError(msg)
+    checks.whole_number("number of swims", math.prod(len(axis.values) for axis in axes), 1, _LARGEST_SWEEP)
+    result = []
+    for numbers in product(*(axis.values for axis in axes)):
+        changed = plan
+        for axis, number in zip(axes, numbers, strict=True):
+            changed = changed.changed(axis.name, number)
+        changed.drive(sum(changed.chain().driven))
+        Servo.from_parameters(PARAMETERS.checked(changed.values))
+        result.append((numbers, changed))
+    return result
+
+
+def swims(plans: list[tuple[tuple[float, ...], Plan]]) -> Iterator[tuple[tuple[float, ...], Swim]]:
+    """Swim the plans one after the other."""
+    for numbers, plan in plans:
+        yield numbers, plan.swim()
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure of a swim: its name in CSV and JSON, in SI units, and how tables show it."""
+
+    name: str
+    title: str
+    unit: str
+    scale: float = 1.0
+
+    def of(self, swim: Swim) -> float | None:
+        """Return the figure, or None where this swim has none."""
+        try:
+            return cast("float", getattr(swim, self.name))
+        except ValueError:  # too short for a steady figure, or the tip's force; the table shows a gap
+            return None
+
+
+FIGURES = (
+    Figure("mean_speed", "mean speed", "cm/s", 100.0),
+    Figure("steady_speed", "steady speed", "cm/s", 100.0),
+    Figure("mean_thrust", "mean thrust", "mN", 1000.0),
+    Figure("mean_servo_power", "servo power", "mW", 1000.0),
+    Figure("largest_servo_torque", "servo torque", "mN m", 1000.0),
+    Figure("efficiency", "efficiency", "%", 100.0),
+    Figure("strouhal_number", "Strouhal", ""),
+    Figure("cost_of_transport", "transport cost", "J/(kg m)"),
+    Figure("tip_amplitude", "tip amplitude", "cm", 100.0),
+    Figure("turning_rate", "turning rate", "rad/s"),
+    Figure("turning_radius", "turning radius", "m"),
+)
+SWEEP_TABLE = ("mean_speed", "steady_speed", "mean_thrust", "mean_servo_power", "efficiency", "strouhal_number")
+"""What the table of a sweep shows; its CSV has every figure."""

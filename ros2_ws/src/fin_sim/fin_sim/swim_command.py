@@ -1,0 +1,349 @@
+"""The command ``swim``: one swim, a case file, or a sweep; as table, CSV, JSON, picture or animation."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import json
+import math
+import os
+import sys
+import tempfile
+from contextlib import contextmanager
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import yaml
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from fin_plant.parameters import Value
+from fin_sim import case as case_files
+from fin_sim.chain import CLAMPS, REACTIVE_FORMS
+from fin_sim.dynamics import StepError
+from fin_sim.materials import material
+from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_axis, sweep_plans, swims
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from fin_sim.swim_result import Swim
+
+_PLAN_OPTIONS = tuple(item.name for item in fields(Plan) if item.name != "values")
+_BAD_INPUT = 2
+_SWIM_FAILED = 1
+_PIPE_WIDTH = 140
+_EXAMPLES = """examples:
+  swim                                              the paper's fish with the paper fin, 10 s
+  swim --fin.young_modulus 2e9 --plot swim.png      a stiffer fin, with a picture
+  swim --material PP                                a range of stiffness gives a range of speeds
+  swim --sweep fin.young_modulus=1e8:1e10:30:log --csv table.csv --plot sweep.png
+  swim --sweep fin.young_modulus=1e9,2e9 --sweep frequency=0.5:2:7
+  swim --clamp towed --tow_speed 0.03               thrust, power and efficiency at a given speed
+  swim --animate swim.gif                           body, fin and path from above
+  swim --case case.json --json --csv trajectory.csv
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="swim",
+        usage="swim [OPTION ...]; swim --help lists the options",
+        description="Swim a simulated fish. Numbers are in SI units, angles of the gait in degrees.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    what = parser.add_argument_group("what swims")
+    what.add_argument("--case", type=Path, metavar="FILE", help="a case file, JSON, with every parameter")
+    what.add_argument("--material", metavar="NAME", help="material of the fin: its softest and stiffest grade swim")
+    what.add_argument("--params-file", type=Path, metavar="FILE", help="parameters as the node's --params-file takes them")
+    what.add_argument("--sweep", action="append", default=[], metavar="NAME=RANGE", help="FIRST:LAST:COUNT[:log] or A,B,C; once or twice")
+    gait = parser.add_argument_group("gait and run")
+    defaults = {item.name: item.default for item in fields(Plan)}
+    choices = {"gait": ("carangiform", "sub_carangiform"), "reactive": REACTIVE_FORMS, "clamp": CLAMPS}
+    described = {
+        "gait": "preset",
+        "amplitude": "of the last driven joint, degrees",
+        "frequency": "Hz",
+        "bias": "of every driven joint, degrees; it turns the fish",
+        "duration": "s",
+        "ramp_time": "in which the gait starts, s",
+        "reactive": "form of the water's force",
+        "clamp": "body free, fixed or towed",
+        "tow_speed": "of a towed body, m/s",
+        "step": "longest time step, s",
+    }
+    for name in _PLAN_OPTIONS:
+        help_text = f"{described[name]} (default {defaults[name]})"
+        if name in choices:
+            gait.add_argument(f"--{name}", choices=choices[name], help=help_text)
+        else:
+            gait.add_argument(f"--{name}", type=float, metavar="X", help=help_text)
+    out = parser.add_argument_group("what comes out; a file that exists is replaced, and the command says so")
+    out.add_argument("--json", action="store_true", help="figures as JSON instead of a table")
+    out.add_argument("--csv", metavar="FILE", help="the trajectory, or of a sweep the table; - is standard output")
+    out.add_argument("--plot", type=Path, metavar="FILE.png", help="picture of the swim or the sweep")
+    out.add_argument("--animate", type=Path, metavar="FILE", help="animated swim, .gif or .mp4")
+    numbers = parser.add_argument_group("parameters of fin, fish, water and servo, as the node names them")
+    for name, entry in PARAMETERS.items():
+        unit = f", {entry.unit}" if entry.unit else ""
+        help_text = f"{entry.description}{unit} (default {entry.default})".replace("%", "%%")
+        metavar = "A,B" if entry.kind.endswith("_array") else "X"
+        numbers.add_argument(f"--{name}", dest=name, metavar=metavar, help=help_text)
+    return parser
+
+
+def _value(name: str, text: str) -> Value:
+    """Return what the command line gives for a parameter, in the parameter's type."""
+    parameter = PARAMETERS[name]
+    try:
+        if parameter.kind == "double_array":
+            return parameter.check([float(part) for part in text.split(",") if part.strip()])
+        return parameter.check(float(text) if parameter.kind in {"double", "integer"} else text)
+    except ValueError as error:
+        if name in str(error):
+            raise
+        msg = f"{name} = {text!r} must be a number"
+        raise ValueError(msg) from None
+
+
+def _read_parameters(path: Path) -> dict[str, Value]:
+    """Return the parameters of a ROS parameter file that the command knows; a node's own others are passed over."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        nodes = [entry["ros__parameters"] for entry in content.values()]
+        flat = {name: value for node in nodes for name, value in _flatten(node)}
+    except (yaml.YAMLError, UnicodeDecodeError, AttributeError, KeyError, TypeError) as error:
+        msg = f"{path} is not a ROS parameter file (node: ros__parameters: name: value): {error!r}"
+        raise ValueError(msg) from None
+    return {name: PARAMETERS[name].check(value) for name, value in flat.items() if name in PARAMETERS}
+
+
+def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    for name, value in entry.items():
+        if isinstance(value, dict):
+            yield from _flatten(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _plan(options: argparse.Namespace) -> Plan:
+    values = _read_parameters(options.params_file) if options.params_file else {}
+    given = {name: getattr(options, name) for name in PARAMETERS}
+    values |= {name: _value(name, text) for name, text in given.items() if text is not None}
+    chosen = {name: getattr(options, name) for name in _PLAN_OPTIONS if getattr(options, name) is not None}
+    return Plan(values, **chosen)
+
+
+def _refuse_with_case(options: argparse.Namespace) -> None:
+    names = [*PARAMETERS, *(name for name in _PLAN_OPTIONS if name != "step"), "material", "params_file"]
+    given = [name for name in names if getattr(options, name) is not None]
+    if given or options.sweep:
+        msg = f"--case holds every parameter: leave out --{(given or ['sweep'])[0]} or edit the file"
+        raise ValueError(msg)
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """Refuse what cannot be written before anything is computed."""
+    if options.plot and options.plot.suffix.lower() != ".png":
+        msg = f"{options.plot}: a picture's name must end in .png"
+        raise ValueError(msg)
+    if options.animate:
+        from fin_sim.picture import check_animation  # noqa: PLC0415  (matplotlib takes a second to load)
+
+        check_animation(options.animate)
+    if options.csv == "-" and options.json:
+        msg = "--csv - and --json both write to standard output: give the CSV a file"
+        raise ValueError(msg)
+    csv_file = Path(options.csv) if options.csv and options.csv != "-" else None
+    for path in (csv_file, options.plot, options.animate):
+        if path and (not path.parent.is_dir() or path.is_dir()):
+            msg = f"{path}: its folder does not exist, or it is a folder itself"
+            raise ValueError(msg)
+
+
+@contextmanager
+def _output(path: Path) -> Iterator[Path]:
+    """Give a new file to write, which takes the place of ``path`` only when it is complete."""
+    replaced = path.exists()
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".swim-") as folder:
+        new = Path(folder) / path.name
+        yield new
+        os.replace(new, path)  # noqa: PTH105
+    print(f"swim: {'replaced' if replaced else 'wrote'} {path}", file=sys.stderr)  # noqa: T201
+
+
+def _trajectory(swim: Swim, target: str, every: int) -> None:
+    if target == "-":
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "trajectory.csv"
+            case_files.write_trajectory(swim, file, every=every)
+            sys.stdout.write(file.read_text(encoding="utf-8"))
+        return
+    with _output(Path(target)) as file:
+        case_files.write_trajectory(swim, file, every=every)
+
+
+def _figures(swim: Swim) -> dict[str, float | None]:
+    figures = {figure.name: figure.of(swim) for figure in FIGURES}
+    common = {"mean_speed": swim.mean_speed, "final_psi": float(swim.heading[-1])}
+    try:
+        common = case_files.summary(swim)
+    except ValueError:  # held or towed for less than two beats: the means are left out
+        pass
+    return {**figures, **common}
+
+
+def _console() -> Console:
+    """Return standard output; a file or pipe gets the whole width that a table needs."""
+    return Console() if sys.stdout.isatty() else Console(width=_PIPE_WIDTH)
+
+
+def _shown(value: float | None, scale: float = 1.0) -> str:
+    return "-" if value is None else f"{value * scale:.4g}"
+
+
+def _json(content: object) -> str:
+    """Return JSON; what is not finite, a radius on a straight course, becomes null, as JSON has no infinity."""
+
+    def finite(item: object) -> object:
+        if isinstance(item, dict):
+            return {name: finite(value) for name, value in item.items()}
+        if isinstance(item, list):
+            return [finite(value) for value in item]
+        return None if isinstance(item, float) and not math.isfinite(item) else item
+
+    return json.dumps(finite(content), indent=1, allow_nan=False)
+
+
+def _print_swim(swim: Swim) -> None:
+    table = Table("figure", "value", "unit")
+    for figure in FIGURES:
+        table.add_row(figure.title, _shown(figure.of(swim), figure.scale), figure.unit)
+    _console().print(table)
+
+
+def _one(swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float], every: int) -> None:
+    """Put out what was asked of one swim."""
+    if options.csv:
+        _trajectory(swim, options.csv, every)
+    if options.plot:
+        from fin_sim.picture import plot_swim  # noqa: PLC0415
+
+        with _output(options.plot) as file:
+            plot_swim(swim, file)
+    if options.animate:
+        from fin_sim.picture import animate_swim  # noqa: PLC0415
+
+        with _output(options.animate) as file:
+            animate_swim(swim, file, body_axes)
+    if options.json:
+        print(_json(_figures(swim)))  # noqa: T201
+    elif options.csv != "-":
+        _print_swim(swim)
+
+
+def _run_case(options: argparse.Namespace) -> None:
+    _refuse_with_case(options)
+    case = case_files.read_case(options.case)
+    swim = case.swim(step=options.step) if options.step else case.swim()
+    case_files.summary(swim)  # a held swim that is too short is refused, not shown without its means
+    length = 2.0 * case.chain.body.tail_offset or 0.1  # a case knows no axes: an ellipse up to the tail's joint
+    _one(swim, options, (length, length / 3.0), case_files.SAMPLES_A_ROW)
+
+
+def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> Table:
+    shown = [figure for figure in FIGURES if figure.name in SWEEP_TABLE]
+    table = Table(*(axis.name for axis in axes), *(f"{figure.title}\n{figure.unit}" for figure in shown))
+    for row in rows:
+        table.add_row(
+            *(_shown(row[axis.name]) for axis in axes), *(_shown(row[figure.name], figure.scale) for figure in shown)
+        )
+    return table
+
+
+def _sweep_csv(rows: Sequence[Mapping[str, float | None]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> None:
+    plans = sweep_plans(plan, axes)
+    rows: list[dict[str, float | None]] = []
+    watched = track(
+        swims(plans),
+        total=len(plans),
+        description="swimming",
+        console=Console(stderr=True),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )
+    for numbers, swim in watched:
+        swept: dict[str, float | None] = {axis.name: number for axis, number in zip(axes, numbers, strict=True)}
+        rows.append({**swept, **{figure.name: figure.of(swim) for figure in FIGURES}})
+    if options.csv and options.csv != "-":
+        with _output(Path(options.csv)) as file:
+            file.write_text(_sweep_csv(rows), encoding="utf-8")
+    if options.plot:
+        from fin_sim.picture import plot_sweep  # noqa: PLC0415
+
+        with _output(options.plot) as file:
+            plot_sweep(axes, rows, file)
+    if options.json:
+        print(_json(rows))  # noqa: T201
+    elif options.csv == "-":
+        sys.stdout.write(_sweep_csv(rows))
+    else:
+        _console().print(_table(axes, rows))
+
+
+def _run(options: argparse.Namespace) -> None:
+    _check_outputs(options)
+    if options.case:
+        _run_case(options)
+        return
+    plan, axes = _plan(options), [parse_axis(text) for text in options.sweep]
+    if options.material:
+        if "fin.young_modulus" in plan.values or any(axis.name == "fin.young_modulus" for axis in axes):
+            msg = "--material gives fin.young_modulus: leave one of them out"
+            raise ValueError(msg)
+        soft, stiff = material(options.material).fins(plan.fin())
+        plan = replace(plan, values={**plan.values, "fin.density": soft.density})
+        axes = [Axis("fin.young_modulus", (soft.young_modulus, stiff.young_modulus)), *axes]
+    if axes:
+        if options.animate:
+            msg = "--animate shows one swim: leave out --sweep and --material, and give fin.young_modulus"
+            raise ValueError(msg)
+        _run_sweep(plan, axes, options)
+        return
+    body = (PARAMETERS[name].check(plan.values.get(name, PARAMETERS[name].default)) for name in ("body.length", "body.width"))
+    length, width = (cast("float", value) for value in body)
+    _one(plan.swim(), options, (length, width), 1)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return 0, 2 for bad input, 1 for a swim that diverged."""
+    options = _parser().parse_args(arguments)
+    try:
+        _run(options)
+    except BrokenPipeError:  # the reader has seen enough, as `head` has
+        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
+        return 0
+    except (ValueError, OSError) as error:
+        print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
+        return _BAD_INPUT
+    except StepError as error:
+        print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
+        return _SWIM_FAILED
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
