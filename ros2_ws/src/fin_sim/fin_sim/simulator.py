@@ -270,6 +270,7 @@ class Simulator:
         self._at_rest = self._at_rest and not limited.moves
         if limited.moves and self._state is not State.SWIMMING:
             self._set_state(State.SWIMMING)
+            self._publish_start()
         elif not limited.moves and self._state is State.SWIMMING:
             self._set_state(State.READY)
         if changed:
@@ -316,6 +317,13 @@ class Simulator:
         self._samples += 0 if self._at_rest else samples
         self._stamp = int(stamps[-1])
         self._publish(stamps, states[1:], records[1:])
+
+    def _publish_start(self) -> None:
+        """Publish the sample with which the swim begins, stamped as its state: the first of what is measured."""
+        states, records = self._stepper.advance(
+            self._fish_state.copy(), self._tail.motion(self._stepper.half_step_times(0, self._samples))
+        )
+        self._publish(np.array([self._stamp]), states, records)
 
     def _publish(self, stamps: NDArray[np.int64], states: NDArray[np.float64], records: NDArray[np.float64]) -> None:
         first = dynamics.BODY_STATES
