@@ -11,6 +11,7 @@ A study's folder holds ``study.json`` (settings, written once), ``journal.log``,
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import json
 import os
@@ -18,7 +19,7 @@ import statistics
 import time
 import warnings
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import optuna
 from optuna.storages import JournalStorage
@@ -210,7 +211,7 @@ class Settings:
 
 
 class Study:
-    """A study that is being worked on by this process alone.
+    """A study that is being worked on by this process alone; a context manager that lets go of it.
 
     Attributes:
         folder: Where everything of the study lies.
@@ -253,8 +254,11 @@ class Study:
             file.flush()
             os.fsync(file.fileno())
         partial.rename(folder / SETTINGS_FILE)
-        study = cls(folder, settings, _locked(folder), [])
-        _sync_folder(folder)
+        with contextlib.ExitStack() as unless_all_is_well:
+            lock = unless_all_is_well.enter_context(_locked(folder))
+            study = cls(folder, settings, lock, [])
+            _sync_folder(folder)
+            unless_all_is_well.pop_all()
         return study
 
     @classmethod
@@ -280,10 +284,11 @@ class Study:
         if settings is not None and (different := own.differences(settings)):
             msg = f"{folder} was begun with other settings: {'; '.join(different)}. Use the same, or another folder"
             raise StudyError(msg)
-        lock = _locked(folder)
-        notes = _repaired(folder / JOURNAL_FILE)
-        study = cls(folder, own, lock, notes)
-        study._fail_unfinished()
+        with contextlib.ExitStack() as unless_all_is_well:
+            lock = unless_all_is_well.enter_context(_locked(folder))
+            study = cls(folder, own, lock, _repaired(folder / JOURNAL_FILE))
+            study._fail_unfinished()
+            unless_all_is_well.pop_all()
         return study
 
     @property
@@ -350,6 +355,12 @@ class Study:
         # Last, since it makes the trial count: a kill before it leaves the trial open, and it is made again.
         self._study.tell(trial, values=result.score, state=_STATE_OF[result.outcome])
         return self._refreshed(number)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
     def close(self) -> None:
         """Let another process work on the study."""

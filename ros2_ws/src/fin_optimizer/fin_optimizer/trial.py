@@ -257,7 +257,7 @@ class Trial:
 
     def _enter(self, index: int, now: float, facts: Facts) -> list[Action]:
         self._index = index
-        self._progress_at = now
+        self._progress_at, self._newest_seen = now, facts.newest_velocity
         action = PHASES[index].action
         chosen = action if isinstance(action, Action) or action is None else action(facts)
         if chosen is None:

@@ -1,0 +1,296 @@
+"""The ledger keeps every trial, goes on where it stopped, and refuses to mix what must not be mixed."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from typing import TYPE_CHECKING, Any
+
+import optuna
+import pytest
+
+from fin_optimizer.search import Dimension, HillClimber, Space
+from fin_optimizer.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study, StudyError
+from fin_optimizer.trial import Outcome, Result
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+MODULUS = "fin.young_modulus"
+SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"),))
+SETTINGS = Settings(SPACE, Policy(repeats=1, attempts=2), {"seed": 1, "gait.frequency": 0.9})
+SEARCH = HillClimber(SPACE, 1, {MODULUS: math.sqrt(0.1) * 1e9})
+FAILED = Result(Outcome.FAILED, "no message on topic /fish/velocity")
+INTERRUPTED = Result(Outcome.FAILED, "interrupted: Ctrl-C", interrupted=True)
+INFEASIBLE = Result(Outcome.INFEASIBLE, "thicker than long")
+
+
+def ok(score: float) -> Result:
+    return Result(Outcome.OK, score=score, spread=0.001, samples=1000)
+
+
+def hump(modulus: float) -> float:
+    return 0.03 - abs(modulus - 1.1e9) / 1e11
+
+
+def swim(study: Study, result: Result | None = None) -> float:
+    """Make one trial; return the value tried."""
+    number, values = study.next_candidate(SEARCH)
+    record = study.propose(number, values)
+    study.start(record.number)
+    study.finish(record.number, result or ok(hump(values[MODULUS])))
+    return values[MODULUS]
+
+
+def tried(study: Study) -> list[float]:
+    return [trial.values[MODULUS] for trial in study.trials]
+
+
+@pytest.fixture
+def closed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let go of every study at the end of the test."""
+    opened: list[Study] = []
+    begin = Study.__init__
+
+    def note(study: Study, *arguments: Any) -> None:
+        begin(study, *arguments)
+        opened.append(study)
+
+    monkeypatch.setattr(Study, "__init__", note)
+    yield
+    for study in opened:
+        study.close()
+
+
+pytestmark = pytest.mark.usefixtures("closed")
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "runs" / "a study"
+
+
+def journal_states(folder: Path) -> list[str]:
+    """Return the trials' states as Optuna itself, and so its dashboard, reads them."""
+    backend = optuna.storages.journal.JournalFileBackend(str(folder / JOURNAL_FILE))
+    study = optuna.load_study(study_name=None, storage=optuna.storages.JournalStorage(backend))
+    return [trial.state.name for trial in study.trials]
+
+
+def test_each_step_of_a_trial_is_in_the_journal_before_the_next_one_happens(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    record = study.propose(0, {MODULUS: 1e9})
+    assert (record.outcome, record.bag, journal_states(folder)) == (Outcome.PROPOSED, "bags/trial_0000", ["WAITING"])
+    assert study.start(0).outcome is Outcome.RUNNING
+    assert journal_states(folder) == ["RUNNING"]
+    ended = study.finish(0, ok(0.02))
+    assert (ended.outcome, ended.score, ended.spread, ended.samples) == (Outcome.OK, 0.02, 0.001, 1000)
+    assert ended.started is not None
+    assert ended.ended is not None
+    assert ended.started <= ended.ended
+    assert journal_states(folder) == ["COMPLETE"]
+
+
+def test_every_entry_is_on_the_disk_before_the_call_returns(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    study = Study.create(folder, SETTINGS)
+    synced: list[int] = []
+    really = os.fsync
+
+    def fsync(descriptor: int) -> None:
+        really(descriptor)
+        synced.append(os.fstat(descriptor).st_size)
+
+    def is_synced() -> bool:
+        return synced[-1] == (folder / JOURNAL_FILE).stat().st_size
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    study.propose(0, {MODULUS: 1e9})
+    assert is_synced()
+    study.start(0)
+    assert is_synced()
+    study.finish(0, ok(0.02))
+    assert is_synced()
+
+
+def test_outcomes_are_optunas_states_and_reasons_are_kept(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    for result in (INFEASIBLE, FAILED, FAILED, ok(0.02)):
+        swim(study, result)
+    study.close()
+    assert journal_states(folder) == ["PRUNED", "FAIL", "FAIL", "COMPLETE"]
+    trials = Study.open(folder).trials
+    assert [trial.reason for trial in trials] == [INFEASIBLE.reason, FAILED.reason, FAILED.reason, ""]
+    assert [trial.score for trial in trials] == [None, None, None, 0.02]
+
+
+@pytest.mark.parametrize("interruption", [0, 1, 7, 19])
+def test_a_study_that_was_closed_and_opened_tries_what_an_uninterrupted_one_tries(
+    tmp_path: Path, interruption: int
+) -> None:
+    whole = Study.create(tmp_path / "whole", SETTINGS)
+    for _ in range(20):
+        swim(whole)
+    study = Study.create(tmp_path / "cut", SETTINGS)
+    for _ in range(interruption):
+        swim(study)
+    study.close()
+    study = Study.open(tmp_path / "cut", SETTINGS)
+    for _ in range(20 - interruption):
+        swim(study)
+    assert tried(study) == tried(whole)
+    assert study.best() is not None
+
+
+@pytest.mark.parametrize("begun", ["proposed", "started"])
+def test_a_trial_that_a_kill_left_open_is_failed_and_made_again(folder: Path, begun: str) -> None:
+    study = Study.create(folder, SETTINGS)
+    swim(study)
+    number, values = study.next_candidate(SEARCH)
+    study.propose(number, values)
+    if begun == "started":
+        study.start(1)
+    study.close()  # what a kill does to the lock
+
+    again = Study.open(folder, SETTINGS)
+    assert again.trials[1].outcome is Outcome.FAILED
+    assert again.trials[1].interrupted
+    assert "the optimiser's process ended" in again.trials[1].reason
+    assert again.notes == ["trial 1 was under way when the optimiser ended: FAILED, made again"]
+    assert again.next_candidate(SEARCH) == (number, values)
+    assert swim(again) == values[MODULUS]
+
+
+@pytest.mark.parametrize(
+    ("results", "settled"),
+    [
+        ([ok(0.02)], True),
+        ([INFEASIBLE], True),
+        ([FAILED], False),
+        ([FAILED, FAILED], True),
+        ([INTERRUPTED, INTERRUPTED, INTERRUPTED], False),
+        ([INTERRUPTED, FAILED, ok(0.02)], True),
+    ],
+)
+def test_a_fin_is_tried_again_until_it_is_settled(folder: Path, results: list[Result], settled: bool) -> None:
+    study = Study.create(folder, SETTINGS)
+    values = [swim(study, result) for result in results]
+    assert len(set(values)) == 1
+    assert (study.settled(), study.next_candidate(SEARCH)[0]) == ((1, 1) if settled else (0, 0))
+
+
+def test_repeats_of_a_fin_are_averaged(folder: Path) -> None:
+    study = Study.create(folder, Settings(SPACE, Policy(repeats=3)))
+    for score in (0.02, 0.03, 0.04):
+        assert study.settled() == 0
+        swim(study, ok(score))
+    assert study.settled() == 1
+    assert [candidate.score for candidate in study.candidates] == [pytest.approx(0.03)]
+
+
+def test_a_fin_that_failed_never_becomes_the_one_to_step_from(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    for result in (FAILED, FAILED, ok(0.01), INFEASIBLE):
+        swim(study, result)
+    best = study.best()
+    assert best is not None
+    assert (best.number, best.score) == (1, 0.01)
+
+
+OTHERS = [
+    (Settings(SPACE, Policy(), {"seed": 2, "gait.frequency": 0.9}), "seed is 1 there and 2 here"),
+    (Settings(SPACE, Policy(), {"seed": 1}), "gait.frequency is 0.9 there and not set here"),
+    (Settings(SPACE, Policy(repeats=3), SETTINGS.details), "repeats is 1 there and 3 here"),
+    (
+        Settings(Space((Dimension(MODULUS, 0.5e9, 5e9, "Pa"),)), Policy(), SETTINGS.details),
+        "range of fin.young_modulus is [500000000.0, 4000000000.0] Pa there and [500000000.0, 5000000000.0] Pa here",
+    ),
+]
+
+
+@pytest.mark.parametrize(("settings", "message"), OTHERS)
+def test_other_settings_are_refused_by_name_and_nothing_is_changed(
+    folder: Path, settings: Settings, message: str
+) -> None:
+    study = Study.create(folder, SETTINGS)
+    swim(study)
+    study.propose(*study.next_candidate(SEARCH))
+    study.close()
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(StudyError) as refused:
+        Study.open(folder, settings)
+    assert message in str(refused.value)
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_a_folder_in_use_or_not_a_study_is_refused(folder: Path, tmp_path: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    with pytest.raises(StudyError, match="another optimiser is working on"):
+        Study.open(folder, SETTINGS)
+    study.close()
+    with pytest.raises(StudyError, match="holds a study already"):
+        Study.create(folder, SETTINGS)
+    with pytest.raises(StudyError, match="holds no study"):
+        Study.open(tmp_path / "nothing")
+    (tmp_path / "letters").mkdir()
+    (tmp_path / "letters" / "to mother.txt").touch()
+    with pytest.raises(StudyError, match="neither empty nor a study's folder"):
+        Study.create(tmp_path / "letters", SETTINGS)
+
+
+def test_a_creation_that_a_kill_cut_short_is_begun_again(folder: Path) -> None:
+    folder.mkdir(parents=True)
+    (folder / "study.json.partial").write_text('{"form')
+    swim(Study.create(folder, SETTINGS))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('{"format": 2}', "its format 2 is newer than the 1 that this version knows"),
+        ('{"form', "it is no study's settings"),
+        ("[]", "it is no study's settings"),
+    ],
+)
+def test_settings_that_cannot_be_read_are_refused(folder: Path, content: str, message: str) -> None:
+    Study.create(folder, SETTINGS).close()
+    (folder / SETTINGS_FILE).write_text(content)
+    with pytest.raises(StudyError, match=message):
+        Study.open(folder)
+
+
+def test_the_journal_may_be_cut_at_any_byte_of_its_last_entry(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    swim(study)
+    swim(study)
+    study.close()
+    journal = folder / JOURNAL_FILE
+    whole = journal.read_bytes()
+    last = whole[:-1].rfind(b"\n") + 1
+    assert json.loads(whole[last:])["state"] == optuna.trial.TrialState.COMPLETE
+    for length in (last, last + 1, last + 20, len(whole) - 2, len(whole) - 1):
+        journal.write_bytes(whole[:length])
+        again = Study.open(folder, SETTINGS)
+        assert [trial.outcome for trial in again.trials] == [Outcome.OK, Outcome.FAILED]
+        assert again.trials[1].interrupted
+        assert ("cut short" in again.notes[0]) == (length > last)
+        swim(again)
+        again.close()
+        assert journal_states(folder) == ["COMPLETE", "FAIL", "COMPLETE"]
+
+
+def test_a_lock_that_a_killed_process_left_does_not_hold_up_the_study(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    study.close()
+    lock = folder / (JOURNAL_FILE + ".lock")
+    lock.symlink_to("nowhere")
+    os.utime(lock, (0, 0), follow_symlinks=False)
+    swim(Study.open(folder, SETTINGS))
+
+
+def test_a_value_outside_the_space_is_not_written_down(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    with pytest.raises(ValueError, match=r"fin\.young_modulus = 5e\+09 Pa is outside"):
+        study.propose(0, {MODULUS: 5e9})
+    assert journal_states(folder) == []

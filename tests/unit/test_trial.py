@@ -1,0 +1,345 @@
+"""A trial goes through its phases in order, says what was missing when time runs out, and always cleans up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from fin_optimizer.score import Measurement
+from fin_optimizer.trial import PHASES, Action, Outcome, Reply, Result, Timeouts, Trial
+from fin_plant.plant_state import PlantState, State
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from fin_plant.parameters import Value
+
+SECOND = 1_000_000_000
+FIN: dict[str, Value] = {"fin.young_modulus": 1.5e9, "fin.segments": 3, "fin.hinges": "between"}
+SHOWN = {name: value if isinstance(value, str) else repr(value) for name, value in FIN.items()}
+OTHER_FIN = {**SHOWN, "fin.young_modulus": "1200000000.0"}
+TIMEOUTS = Timeouts(plant=10.0, reply=20.0, silence=5.0, people=0.0)
+OK = Result(Outcome.OK, score=0.02, samples=1000)
+
+
+@dataclass
+class Seen:
+    """The facts, as the test sets them."""
+
+    plants: Sequence[str] = ()
+    missing_services: Sequence[str] = ()
+    plant: PlantState | None = None
+    fin_reply: Reply | None = None
+    reset_reply: Reply | None = None
+    unmatched_topics: Sequence[str] = ("/fish/velocity",)
+    newest_velocity: int | None = None
+    late_topics: Sequence[str] = ()
+    recorder_failure: str = ""
+    result: Result | None = None
+
+
+def says(state: State, stamp: int, fin: dict[str, str]) -> PlantState:
+    return PlantState(state, "simulator", stamp * SECOND, fin=fin)
+
+
+# What a plant does that works, in each phase: the state that it says, and the facts that change.
+PLANT_DOES: dict[str, tuple[PlantState | None, dict[str, object]]] = {
+    "find the plant": (says(State.SWIMMING, 1, OTHER_FIN), {"plants": ("/fish/simulator",)}),
+    "wait until it is at rest": (says(State.READY, 2, OTHER_FIN), {}),
+    "set the fin": (None, {"fin_reply": Reply(accepted=True)}),
+    "wait for the fin": (says(State.READY, 3, SHOWN), {}),
+    "reset": (None, {"reset_reply": Reply(accepted=True)}),
+    "wait at the start": (says(State.READY, 4, SHOWN), {}),
+    "open the bag": (None, {"unmatched_topics": ()}),
+    "start the gait": (says(State.SWIMMING, 10, SHOWN), {}),
+    "settle": (None, {"newest_velocity": 12 * SECOND}),
+    "measure": (None, {"newest_velocity": 22 * SECOND}),
+    "stop the gait": (says(State.READY, 23, SHOWN), {}),
+}
+
+
+@dataclass
+class Rehearsal:
+    """A trial with a plant that does what it should up to a phase."""
+
+    timeouts: Timeouts = TIMEOUTS
+    seen: Seen = field(default_factory=Seen)
+    actions: list[Action] = field(default_factory=list)
+    now: float = 100.0
+
+    def __post_init__(self) -> None:
+        self.trial = Trial("/fish", FIN, Measurement(settle=2.0, duration=10.0), self.timeouts)
+
+    def say(self, state: State, stamp: int, reason: str = "", fin: dict[str, str] | None = None) -> None:
+        """Let the plant say this state."""
+        self.seen.plant = PlantState(state, "simulator", stamp, reason, OTHER_FIN if fin is None else fin)
+
+    def update(self, seconds: float = 0.0, until: str = "") -> None:
+        """Let time pass and look, as often as the facts carry the trial on, to the beginning of a phase at most."""
+        self.now += seconds
+        phase = ""
+        while self.trial.phase not in (phase, until) and self.trial.result is None:
+            phase = self.trial.phase
+            self.actions += self.trial.update(self.now, self.seen)
+
+    def reach(self, phase: str) -> None:
+        """Let the plant do what ends each phase, up to the beginning of this one."""
+        self.update()
+        while self.trial.phase != phase:
+            before = self.trial.phase
+            self._fulfil(before)
+            self.update(0.01, until=phase)
+            assert self.trial.phase != before, f"'{before}' does not end"
+
+    def _fulfil(self, phase: str) -> None:
+        state, facts = PLANT_DOES.get(phase, (None, {}))
+        for name, value in facts.items():
+            setattr(self.seen, name, value)
+        if state is not None:
+            self.seen.plant = state
+
+    @property
+    def failure(self) -> str:
+        """Why the trial FAILED."""
+        assert self.trial.result is not None, f"still in '{self.trial.phase}'"
+        assert self.trial.result.outcome is Outcome.FAILED
+        return self.trial.result.reason
+
+
+def test_a_trial_that_goes_well_does_everything_once_and_in_order() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("score")
+    assert rehearsal.trial.result is None
+    rehearsal.seen.result = OK
+    rehearsal.update()
+    assert rehearsal.trial.result == OK
+    expected = "SET_FIN RESET OPEN_BAG GAIT_ON GAIT_OFF CLOSE_BAG SCORE"
+    assert " ".join(action.name for action in rehearsal.actions) == expected
+
+
+def test_the_window_starts_after_the_settling_time_from_the_plants_own_start() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("settle")
+    window = rehearsal.trial.window
+    assert window is not None
+    assert (window.start_ns, window.end_ns) == (12 * SECOND, 22 * SECOND)
+
+
+def test_one_velocity_short_of_the_windows_end_is_not_enough() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("measure")
+    rehearsal.seen.newest_velocity = 22 * SECOND - 1
+    rehearsal.update()
+    assert rehearsal.trial.phase == "measure"
+
+
+# Phase, how long it is waited, and what the reason must name.
+SILENT_PLANT = [
+    ("find the plant", 10.0, "nobody publishes topic /fish/plant_state"),
+    ("wait until it is at rest", 10.0, "topic /fish/plant_state says SWIMMING"),
+    ("set the fin", 20.0, "no answer from service /fish/simulator/set_parameters_atomically"),
+    ("wait for the fin", 10.0, "the fin mounted has fin.young_modulus = 1200000000.0 instead of 1500000000.0"),
+    ("reset", 20.0, "no answer from service /fish/simulator/reset"),
+    ("wait at the start", 10.0, "topic /fish/plant_state says READY"),
+    ("open the bag", 10.0, "nothing to record on topic /fish/velocity"),
+    ("start the gait", 5.0, "the gait on topic /fish/gait had no effect: topic /fish/plant_state says READY"),
+    ("settle", 5.0, "no message on topic /fish/velocity"),
+    ("measure", 5.0, "no message on topic /fish/velocity after 2.00 s of the swim"),
+    ("stop the gait", 5.0, "the gait is off, but topic /fish/plant_state says SWIMMING"),
+]
+
+
+@pytest.mark.parametrize(("phase", "patience", "reason"), SILENT_PLANT)
+def test_a_plant_that_falls_silent_fails_the_trial_and_the_reason_names_what_was_missing(
+    phase: str, patience: float, reason: str
+) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.update(patience)
+    assert rehearsal.trial.result is None, "too early"
+    rehearsal.update(0.1)
+    assert rehearsal.failure.startswith(f"{phase}: ")
+    assert reason in rehearsal.failure
+    assert f"waited {patience:g} s" in rehearsal.failure
+
+
+def test_every_phase_that_waits_for_the_plant_is_in_the_list_above() -> None:
+    at_once = {"close the bag", "score"}
+    assert [phase.name for phase in PHASES if phase.name not in at_once] == [phase for phase, _, _ in SILENT_PLANT]
+
+
+@pytest.mark.parametrize("phase", [phase.name for phase in PHASES])
+def test_cancelling_in_any_phase_switches_the_gait_off_and_closes_the_bag(phase: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    on = rehearsal.actions.count(Action.GAIT_ON) - rehearsal.actions.count(Action.GAIT_OFF)
+    is_open = rehearsal.actions.count(Action.OPEN_BAG) - rehearsal.actions.count(Action.CLOSE_BAG)
+    expected = [Action.GAIT_OFF] * on + [Action.CLOSE_BAG] * is_open
+    assert rehearsal.trial.cancel("somebody pressed Ctrl-C") == expected
+    assert rehearsal.trial.result is not None
+    assert rehearsal.trial.result.interrupted
+    assert f"interrupted in phase '{phase}': somebody pressed Ctrl-C" in rehearsal.failure
+    assert rehearsal.trial.cancel("again") == []
+    assert rehearsal.trial.update(rehearsal.now, rehearsal.seen) == []
+
+
+@pytest.mark.parametrize("phase", [phase.name for phase in PHASES][2:])
+def test_a_fault_in_any_phase_fails_the_trial_with_the_plants_reason(phase: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.actions.clear()
+    swims = phase in {"settle", "measure"}
+    rehearsal.say(State.FAULT, 99 * SECOND, "the state is not finite at 3.2 s")
+    rehearsal.update()
+    assert "the plant is in FAULT: the state is not finite at 3.2 s" in rehearsal.failure
+    if swims:
+        assert rehearsal.actions == [Action.GAIT_OFF, Action.CLOSE_BAG]
+
+
+@pytest.mark.parametrize("phase", ["open the bag", "settle", "measure", "stop the gait"])
+def test_a_bag_that_cannot_be_written_fails_the_trial(phase: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.seen.recorder_failure = "disk full"
+    rehearsal.update()
+    assert rehearsal.failure == f"{phase}: disk full"
+
+
+def test_a_fault_of_an_earlier_trial_is_cleared_first() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.seen.plants = ("/fish/simulator",)
+    rehearsal.say(State.FAULT, 1 * SECOND, "not finite")
+    rehearsal.update()
+    assert rehearsal.actions == [Action.RECOVER]
+    rehearsal.update(11.0)
+    assert "says FAULT (not finite), needed is READY" in rehearsal.failure
+
+
+def test_a_refused_fin_is_infeasible_with_the_plants_reason() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("set the fin")
+    rehearsal.seen.fin_reply = Reply(accepted=False, reason="fin.thickness = 0.2 m must be less than fin.length")
+    rehearsal.update()
+    assert rehearsal.trial.result == Result(Outcome.INFEASIBLE, "fin.thickness = 0.2 m must be less than fin.length")
+    assert rehearsal.actions == [Action.SET_FIN]
+
+
+def test_a_refused_reset_fails_the_trial() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("reset")
+    rehearsal.seen.reset_reply = Reply(accepted=False, reason="disarmed")
+    rehearsal.update()
+    assert rehearsal.failure == "reset: the plant refused: disarmed"
+
+
+def test_a_state_said_before_the_reset_does_not_count_as_being_at_the_start() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait at the start")
+    rehearsal.say(State.READY, 3 * SECOND, fin=SHOWN)
+    rehearsal.update()
+    assert rehearsal.trial.phase == "wait at the start"
+    rehearsal.say(State.READY, 3 * SECOND + 1, fin=SHOWN)
+    rehearsal.update()
+    assert rehearsal.trial.phase == "open the bag"
+
+
+@pytest.mark.parametrize(
+    ("phase", "state"),
+    [("wait for the fin", State.WAITING_FOR_FIN), ("wait at the start", State.WAITING_FOR_RESET)],
+)
+def test_people_get_the_time_they_need(phase: str, state: State) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.say(state, 50 * SECOND, "mount the fin")
+    rehearsal.update(1e6)
+    assert rehearsal.trial.phase == phase
+    impatient = Rehearsal(timeouts=replace(TIMEOUTS, people=3600.0))
+    impatient.reach(phase)
+    impatient.say(state, 50 * SECOND, "mount the fin")
+    impatient.update(3601.0)
+    assert f"says {state} (mount the fin)" in impatient.failure
+
+
+def test_a_plant_that_waits_for_people_must_answer_its_services_all_the_same() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("set the fin")
+    rehearsal.say(State.WAITING_FOR_FIN, 2 * SECOND)
+    rehearsal.update(20.1)
+    assert "no answer from service" in rehearsal.failure
+
+
+def test_a_swim_may_be_as_slow_as_it_likes_while_velocities_come() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("measure")
+    for tenth in range(100):
+        rehearsal.seen.newest_velocity = 12 * SECOND + tenth * SECOND // 10
+        rehearsal.update(4.0)
+    assert rehearsal.trial.phase == "measure"
+
+
+def test_a_plant_that_stops_swimming_early_fails_the_trial() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("measure")
+    rehearsal.seen.newest_velocity = 15 * SECOND
+    rehearsal.say(State.READY, 16 * SECOND, "no fresh gait", fin=SHOWN)
+    rehearsal.update()
+    assert "the plant went to READY 5.00 s into a swim of 12 s (no fresh gait)" in rehearsal.failure
+
+
+def test_two_plants_in_one_namespace_are_refused_by_name() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.seen.plants = ("/fish/servo_driver", "/fish/simulator")
+    rehearsal.update()
+    rehearsal.update(10.1)
+    assert "has 2 publishers (/fish/servo_driver, /fish/simulator): leave only one plant" in rehearsal.failure
+
+
+def test_a_missing_service_is_named() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.seen.plants = ("/fish/simulator",)
+    rehearsal.seen.missing_services = ("/fish/simulator/reset",)
+    rehearsal.update()
+    rehearsal.update(10.1)
+    assert "service /fish/simulator/reset missing" in rehearsal.failure
+
+
+def test_the_bag_stays_open_until_every_stream_has_reached_the_windows_end() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("stop the gait")
+    rehearsal.seen.late_topics = ("/fish/pose",)
+    rehearsal.say(State.READY, 23 * SECOND, fin=SHOWN)
+    rehearsal.update(5.0)
+    assert rehearsal.trial.phase == "stop the gait"
+    rehearsal.update(0.1)
+    assert "no message up to the end of the window on topic /fish/pose" in rehearsal.failure
+
+
+def test_a_swim_without_a_score_fails_with_the_scores_reason() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("score")
+    rehearsal.seen.result = Result(Outcome.FAILED, "no velocity for 0.7 s")
+    rehearsal.update()
+    assert rehearsal.failure == "no velocity for 0.7 s"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"outcome": Outcome.OK}, "score of an OK trial"),
+        ({"outcome": Outcome.OK, "score": float("nan")}, "score of an OK trial = nan"),
+        ({"outcome": Outcome.FAILED}, "has a reason and no score"),
+        ({"outcome": Outcome.INFEASIBLE, "reason": "no", "score": 1.0}, "has a reason and no score"),
+        ({"outcome": Outcome.RUNNING, "reason": "no"}, "cannot end as RUNNING"),
+    ],
+)
+def test_a_result_that_contradicts_itself_is_refused(arguments: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Result(**arguments)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", ["plant", "reply", "silence"])
+def test_a_timeout_of_zero_is_refused_where_it_would_fail_every_trial(name: str) -> None:
+    with pytest.raises(ValueError, match=f"timeout.{name} = 0 s"):
+        Timeouts(**{name: 0.0})
