@@ -1,0 +1,143 @@
+"""What a study leaves for people: a table with units and every digit, a figure, and lines that can be read."""
+
+from __future__ import annotations
+
+import csv
+import io
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+import pytest
+
+from fin_optimizer import progress, report
+from fin_optimizer.search import Dimension
+from fin_optimizer.study import Candidate, TrialRecord, candidates
+from fin_optimizer.trial import Outcome
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MODULUS = "fin.young_modulus"
+RANGE = Dimension(MODULUS, 0.5e9, 4e9, "Pa")
+NOON = datetime(2026, 1, 2, 12, 0, 0, tzinfo=UTC)
+
+
+def trial(
+    number: int, modulus: float, score: float | None, outcome: Outcome = Outcome.OK, reason: str = ""
+) -> TrialRecord:
+    return TrialRecord(
+        number=number,
+        candidate=number,
+        values={MODULUS: modulus},
+        outcome=outcome,
+        reason=reason,
+        interrupted=False,
+        score=score,
+        spread=None if score is None else 0.001,
+        samples=0 if score is None else 1000,
+        bag=f"bags/trial_{number:04d}",
+        started=NOON + timedelta(seconds=number),
+        ended=NOON + timedelta(seconds=number, milliseconds=250),
+    )
+
+
+TRIALS = [
+    trial(0, 3e9, 0.018),
+    trial(1, 1.1000000000000001e9, 0.02905123456789012),
+    trial(2, 2e9, None, Outcome.FAILED, 'no message on topic "/fish/velocity", at all'),
+    trial(3, 0.6e9, None, Outcome.INFEASIBLE, "refused"),
+]
+
+
+def best() -> Candidate:
+    return candidates(TRIALS)[1]
+
+
+def test_the_table_has_units_in_its_header_and_loses_no_digit() -> None:
+    rows = list(csv.DictReader(io.StringIO(report.trials_table(TRIALS, [RANGE]))))
+    assert {"trial", "fin.young_modulus [Pa]", "speed [m/s]", "spread [m/s]", "started [UTC]"} <= set(rows[0])
+    assert float(rows[1]["fin.young_modulus [Pa]"]) == TRIALS[1].values[MODULUS]
+    assert float(rows[1]["speed [m/s]"]) == TRIALS[1].score
+    assert (rows[0]["started [UTC]"], rows[0]["ended [UTC]"]) == (
+        "2026-01-02T12:00:00.000Z",
+        "2026-01-02T12:00:00.250Z",
+    )
+
+
+def test_the_table_leaves_empty_what_is_not_known_and_gives_the_reason() -> None:
+    row = list(csv.DictReader(io.StringIO(report.trials_table(TRIALS, [RANGE]))))[2]
+    assert (row["outcome"], row["speed [m/s]"], row["samples"]) == ("FAILED", "", "")
+    assert row["reason"] == TRIALS[2].reason
+
+
+def test_a_table_is_replaced_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / report.CSV_FILE
+    path.write_text("old")
+    report.write_table(path, TRIALS, [RANGE])
+    assert path.read_text() == report.trials_table(TRIALS, [RANGE])
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_sweep_spans_the_whole_range() -> None:
+    values, speeds = report.sweep(RANGE, lambda modulus: modulus / 1e11, points=5)
+    assert (values[0], values[-1], len(values)) == (RANGE.minimum, RANGE.maximum, 5)
+    assert speeds == [value / 1e11 for value in values]
+
+
+@pytest.mark.parametrize("with_curve", [True, False])
+def test_the_figure_is_drawn_with_and_without_a_curve(tmp_path: Path, with_curve: bool) -> None:
+    curve = report.sweep(RANGE, lambda modulus: 0.02 + modulus / 1e12, points=5) if with_curve else None
+    path = tmp_path / report.FIGURE_FILE
+    report.write_figure(path, TRIALS, best(), RANGE, curve=curve, title="a fin")
+    assert path.read_bytes().startswith(b"\x89PNG")
+    report.write_figure(path, [], None, RANGE)
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_values_are_shown_in_a_laboratorys_units() -> None:
+    assert report.show_values({MODULUS: 1.234e9, "fin.length": 0.08}) == "E 1.234 GPa, length 8 cm"
+    assert report.show_speed(0.026612) == "2.661 cm/s"
+
+
+def test_away_from_a_terminal_there_is_one_line_a_trial() -> None:
+    stream = io.StringIO()
+    shown = progress.display(stream, 30, 0)
+    shown.begin(TRIALS[0])
+    shown.show("measure", "3 s")
+    shown.end(TRIALS[0], 1, candidates(TRIALS)[0])
+    shown.end(TRIALS[2], 2, best())
+    shown.close()
+    first, second = stream.getvalue().splitlines()
+    assert first.startswith("trial 0000     1/30  E 3 GPa  1.800 cm/s  (best 1.800 cm/s at E 3 GPa, 0:00 left)")
+    assert "trial 0002     3/30  E 2 GPa  FAILED: no message on topic" in second
+    assert "(best 2.905 cm/s at E 1.1 GPa, " in second
+
+
+def test_on_a_terminal_of_80_columns_a_live_line_shows_trial_modulus_speed_best_and_time_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERM", "xterm")
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    stream = Terminal()
+    shown = progress.display(stream, 30, 0)
+    shown.begin(TRIALS[0])
+    shown.end(TRIALS[0], 1, candidates(TRIALS)[0])
+    shown.begin(TRIALS[1])
+    shown.show("measure", "3 s")
+    text = stream.getvalue()
+    for part in ("2/30", "E 1.1 GPa", "last 1.800 cm/s", "best 1.800 cm/s at E 3 GPa", "0:00 left"):
+        assert part in text
+    shown.end(TRIALS[2], 2, best())
+    shown.close()
+    text = stream.getvalue()
+    assert "FAILED: no message on topic" in text
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(5.4, "0:05"), (125.0, "2:05"), (3725.0, "1:02:05")])
+def test_durations_are_shown_as_a_clock_shows_them(seconds: float, text: str) -> None:
+    assert progress.show_time(seconds) == text
