@@ -1,0 +1,246 @@
+"""Start a study as processes of their own: plant and optimiser, on a machine with or without the launch system.
+
+Usage: bringup [name:=value ...], for example bringup plant:=sim trials:=30 seed:=1. It ends with the optimiser's
+exit code.
+"""
+
+from __future__ import annotations
+
+import os
+import selectors
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections import deque
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fin_optimizer import graph
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from types import FrameType
+
+EXIT_FAILURE = 1
+EXIT_USAGE = 2
+# How a process is asked to end, each time more firmly, with the seconds that it gets. The optimiser closes a bag and a
+# journal, for which a slow disk may need its time.
+_WAYS_TO_END = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))
+_LAST_WORDS = 20
+
+
+def find_executable(package: str, executable: str) -> Path:
+    """Return the executable by the rule of `ros2 run`: PREFIX/lib/PACKAGE/EXECUTABLE in the environment's prefixes.
+
+    Raises:
+        FileNotFoundError: There is none; the message says what to do.
+    """
+    for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        path = Path(prefix) / "lib" / package / executable
+        if os.access(path, os.X_OK):
+            return path
+    msg = (
+        f"executable {executable} of package {package} is in no prefix of AMENT_PREFIX_PATH: source install/setup.bash"
+    )
+    raise FileNotFoundError(msg)
+
+
+class Child:
+    """A node's process, in a process group of its own, so that it gets each signal once and from here only."""
+
+    def __init__(self, spec: graph.NodeSpec) -> None:
+        """Start it.
+
+        Raises:
+            FileNotFoundError: Its executable is not installed.
+        """
+        self.name = spec.name
+        self.last_words: deque[str] = deque(maxlen=_LAST_WORDS)
+        command = [str(find_executable(spec.package, spec.executable)), *spec.ros_arguments()]
+        self.process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE)  # noqa: S603
+        self.ended = os.pidfd_open(self.process.pid)
+        assert self.process.stderr is not None  # noqa: S101 - asked for above
+        self.errors = self.process.stderr
+        os.set_blocking(self.errors.fileno(), False)
+        self._rest = b""
+
+    def echo(self) -> bool:
+        """Pass on what it wrote to stderr since the last call, its name before each line; False at the stream's end."""
+        chunk = self.errors.read()
+        if chunk is None:
+            return True
+        *lines, self._rest = (self._rest + chunk).split(b"\n") if chunk else (self._rest, b"")
+        for line in lines:
+            if text := line.decode(errors="replace").rstrip():
+                self.last_words.append(text)
+                sys.stderr.write(f"[{self.name}] {text}\n")
+        return bool(chunk)
+
+    def signal(self, number: int) -> None:
+        """Send a signal to its whole group; nothing happens if it is gone."""
+        try:
+            os.killpg(self.process.pid, number)
+        except ProcessLookupError:
+            return
+
+    def close(self) -> None:
+        """End what is left of its group, and let go of its streams."""
+        self.signal(signal.SIGKILL)
+        self.process.wait()
+        self.errors.close()
+        os.close(self.ended)
+
+
+class Bringup:
+    """The processes of a study, the plant first and the optimiser last."""
+
+    def __init__(self, specs: Sequence[graph.NodeSpec]) -> None:
+        """Start them all.
+
+        Raises:
+            FileNotFoundError: An executable is not installed; nothing is left running.
+        """
+        for spec in specs:
+            find_executable(spec.package, spec.executable)
+        self._signal = 0
+        self._selector = selectors.DefaultSelector()
+        self._listen_to_signals()
+        self.children: list[Child] = []
+        for spec in specs:
+            child = Child(spec)
+            self.children.append(child)
+            self._selector.register(child.errors, selectors.EVENT_READ, child)
+            self._selector.register(child.ended, selectors.EVENT_READ, child)
+
+    @property
+    def optimizer(self) -> Child:
+        """The process whose end is the study's."""
+        return self.children[-1]
+
+    def _listen_to_signals(self) -> None:
+        woken, waker = socket.socketpair()
+        for end in (woken, waker):
+            end.setblocking(False)  # noqa: FBT003
+        self._waker = waker
+        signal.set_wakeup_fd(waker.fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._note)
+        self._selector.register(woken, selectors.EVENT_READ, woken)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        self._signal = self._signal or number
+
+    def run(self) -> int:
+        """Wait for the end of the study and return its exit code: the optimiser's, 128 + a signal, or 1."""
+        while not self._signal and all(child.process.poll() is None for child in self.children):
+            self._wait(None)
+        early = [child for child in self.children[:-1] if child.process.poll() is not None]
+        if self._signal:
+            return self._end(self._signal)
+        if self.optimizer.process.poll() is not None:
+            return self._end()
+        for child in early:
+            child.echo()
+            sys.stderr.write(_obituary(child))
+        self._end()
+        return EXIT_FAILURE
+
+    def _end(self, number: int = 0) -> int:
+        """End all processes, the optimiser first: its last gait must still find the plant.
+
+        Args:
+            number: Signal that asked for the end, 0 if none did.
+        """
+        for child in reversed(self.children):
+            for way, patience in _WAYS_TO_END:
+                if child.process.poll() is None:
+                    child.signal(number if way == signal.SIGINT and number else way)
+                    self._wait_for(child, patience)
+        code = self.optimizer.process.returncode
+        self.optimizer.echo()
+        if number:
+            return 128 + number
+        if code < 0:
+            sys.stderr.write(_obituary(self.optimizer))
+            return EXIT_FAILURE
+        return code
+
+    def _wait_for(self, child: Child, patience: float) -> None:
+        until = time.monotonic() + patience
+        while child.process.poll() is None and (left := until - time.monotonic()) > 0.0:
+            self._wait(left)
+
+    def _wait(self, seconds: float | None) -> None:
+        """Wait for output, a signal or the end of a process, and pass on the output."""
+        for key, _ in self._selector.select(seconds):
+            if isinstance(key.data, socket.socket):
+                key.data.recv(4096)
+            elif key.fileobj is key.data.errors:
+                if not key.data.echo():
+                    self._selector.unregister(key.fileobj)
+            else:
+                key.data.process.poll()
+                self._selector.unregister(key.fileobj)
+
+    def close(self) -> None:
+        """Leave no process behind."""
+        for child in self.children:
+            child.close()
+        signal.set_wakeup_fd(-1)
+        self._selector.close()
+
+
+def _obituary(child: Child) -> str:
+    code = child.process.returncode
+    how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    words = "".join(f"\n  {line}" for line in child.last_words) or "\n  (nothing)"
+    return f"error: {child.name} {how} before the study did; the last it said:{words}\n"
+
+
+def parse(words: Iterable[str]) -> dict[str, str]:
+    """Return arguments of the form ``name:=value`` by name.
+
+    Raises:
+        ValueError: Another form, or a name twice.
+    """
+    given: dict[str, str] = {}
+    for word in words:
+        name, separator, value = word.partition(":=")
+        if not separator or not name:
+            msg = f"{word!r} is not of the form name:=value, for example trials:=30"
+            raise ValueError(msg)
+        if name in given:
+            msg = f"{name}:= is given twice"
+            raise ValueError(msg)
+        given[name] = value
+    return given
+
+
+def usage() -> str:
+    """Return the help text with every argument and its default."""
+    lines = ["usage: bringup [name:=value ...]", "", "arguments:"]
+    lines += [f"  {a.name}:={a.default or '(empty)'}\n      {a.description}" for a in graph.arguments()]
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Run the command."""
+    words = sys.argv[1:]
+    if {"-h", "--help"} & set(words):
+        sys.stdout.write(usage() + "\n")
+        return 0
+    try:
+        bringup = Bringup(graph.nodes(parse(words)))
+    except (ValueError, FileNotFoundError) as error:
+        sys.stderr.write(f"error: {error}\n")
+        return EXIT_USAGE if isinstance(error, ValueError) else EXIT_FAILURE
+    try:
+        return bringup.run()
+    finally:
+        bringup.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

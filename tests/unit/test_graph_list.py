@@ -1,0 +1,141 @@
+"""One list of nodes serves launch and bring-up, and every argument of a study reaches the node that it is meant for."""
+
+from __future__ import annotations
+
+import os
+import runpy
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fin_optimizer import graph
+from fin_optimizer.bringup import find_executable, parse, usage
+
+LAUNCH_FILE = Path(graph.__file__).parents[1] / "launch" / "study.launch.py"
+
+
+def test_a_study_is_a_simulator_at_full_speed_and_an_optimiser_with_its_defaults() -> None:
+    simulator, optimizer = graph.nodes({})
+    assert simulator == graph.NodeSpec("fin_sim", "simulator", "simulator", "/fish", {"speed": 0.0})
+    assert optimizer == graph.NodeSpec("fin_optimizer", "optimizer", "optimizer", "/fish", {})
+
+
+def test_every_argument_reaches_the_node_whose_parameter_it_is() -> None:
+    given = {
+        "trials": "7",
+        "seed": "3",
+        "search.young_modulus.maximum": "5e9",
+        "fin.length": "0.06",
+        "speed": "2",
+        "body.drag_area": "4e-3",
+        "limits.sweep": ".3",
+        "autostart": "false",
+        "study_folder": "runs/a study",
+        "namespace": "/tank_a/fish",
+        "plant": "sim",
+    }
+    simulator, optimizer = graph.nodes(given)
+    assert simulator.namespace == optimizer.namespace == "/tank_a/fish"
+    assert simulator.parameters == {"speed": 2.0, "body.drag_area": 4e-3, "limits.sweep": 0.3}
+    assert optimizer.parameters == {
+        "trials": 7,
+        "seed": 3,
+        "search.young_modulus.maximum": 5e9,
+        "fin.length": 0.06,
+        "autostart": False,
+        "study_folder": "runs/a study",
+    }
+
+
+def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
+    spec = graph.NodeSpec("p", "e", "n", "/fish", {"a": 1.0, "b": 2, "c": False, "d": "x y"})
+    assert spec.ros_arguments() == [
+        *("--ros-args", "-r", "__node:=n", "-r", "__ns:=/fish"),
+        *("-p", "a:=1.0", "-p", "b:=2", "-p", "c:=false", "-p", 'd:="x y"'),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"trial": "3"}, "trial:= is no argument of a study: did you mean trials"),
+        ({"fin.youngs_modulus": "1e9"}, "did you mean fin.young_modulus"),
+        ({"zzz": "1"}, "there is plant, namespace, trials"),
+        ({"trials": "0"}, "trials = 0 is outside the allowed range [1, 1e+06]"),
+        ({"trials": "many"}, "trials must be a number, got 'many'"),
+        ({"trials": "2.5"}, "trials = 2.5 must be a whole number"),
+        ({"speed": "nan"}, "speed = nan"),
+        ({"fin.thickness": "-1"}, "fin.thickness = -1 m is outside the allowed range"),
+        ({"autostart": "perhaps"}, "autostart = 'perhaps' must be true or false"),
+        ({"plant": "whale"}, "plant:=whale is not known: use plant:=sim"),
+        ({"plant": "robot"}, "plant:=robot is not part of this version: use plant:=sim"),
+        ({"plant": "rehearsal"}, "plant:=rehearsal is not part of this version: use plant:=sim"),
+        ({"namespace": "fish"}, "namespace:=fish must be like /fish"),
+        ({"namespace": "/fi sh"}, "namespace:=/fi sh must be like /fish"),
+    ],
+)
+def test_what_is_unknown_or_out_of_range_is_refused_before_anything_starts(given: dict[str, str], message: str) -> None:
+    with pytest.raises(ValueError) as refused:  # noqa: PT011  (the message is looked at below)
+        graph.nodes(given)
+    assert message in str(refused.value)
+
+
+def test_words_that_are_no_arguments_are_refused() -> None:
+    assert parse(["trials:=3", "study_folder:=a:=b"]) == {"trials": "3", "study_folder": "a:=b"}
+    for words, message in ((["trials=3"], "not of the form name:=value"), (["seed:=1", "seed:=2"], "given twice")):
+        with pytest.raises(ValueError, match=message):
+            parse(words)
+
+
+def test_the_help_lists_every_argument_with_its_default() -> None:
+    text = usage()
+    for argument in graph.arguments():
+        assert f"  {argument.name}:={argument.default or '(empty)'}\n" in text
+    assert "speed:=0.0" in text
+    assert "fin.young_modulus:=1200000000.0" in text
+
+
+def test_an_executable_is_found_as_ros2_run_finds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    executable = tmp_path / "second" / "lib" / "fin_sim" / "simulator"
+    executable.parent.mkdir(parents=True)
+    executable.write_text("#!/bin/sh\n")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'first'}{os.pathsep}{tmp_path / 'second'}")
+    with pytest.raises(FileNotFoundError, match=r"source install/setup\.bash"):
+        find_executable("fin_sim", "simulator")
+    executable.chmod(0o755)
+    assert find_executable("fin_sim", "simulator") == executable
+
+
+class Recorded:
+    """Stands for a class of the launch system, which a pip-only machine lacks: keeps what it is built with."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        self.arguments, self.named = arguments, named
+
+
+def test_the_launch_file_starts_the_same_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    names = {
+        "launch": ["LaunchDescription"],
+        "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction", "Shutdown"],
+        "launch_ros": [],
+        "launch_ros.actions": ["Node"],
+    }
+    for module, classes in names.items():
+        stand_in = types.ModuleType(module)
+        for name in classes:
+            setattr(stand_in, name, type(name, (Recorded,), {}))
+        monkeypatch.setitem(sys.modules, module, stand_in)
+    launch_file = runpy.run_path(str(LAUNCH_FILE))
+    *declared, _ = launch_file["generate_launch_description"]().arguments[0]
+    assert [item.arguments[0] for item in declared] == [argument.name for argument in graph.arguments()]
+    configurations = {item.arguments[0]: item.named["default_value"] for item in declared} | {"trials": "7"}
+    context = types.SimpleNamespace(launch_configurations=configurations)
+    started = [node.named for node in launch_file["start_nodes"](context)]
+    expected = graph.nodes({"trials": "7"})
+    assert [(node["package"], node["executable"], node["name"]) for node in started] == [
+        (spec.package, spec.executable, spec.name) for spec in expected
+    ]
+    assert [node["parameters"] for node in started] == [[dict(spec.parameters)] for spec in expected]
