@@ -1,0 +1,102 @@
+"""The facts that a trial's conditions look at, as the node sees them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fin_plant import topics
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rclpy.node import Node
+
+    from fin_optimizer.plant_client import PlantClient
+    from fin_optimizer.recorder import Recorder
+    from fin_optimizer.trial import Reply, Result, Trial
+    from fin_plant.plant_state import PlantState
+
+# A robot offers no thrust, and a pose only with a tracker: those are waited for only where somebody publishes them.
+_ALWAYS_RECORDED = (
+    topics.GAIT,
+    topics.GAIT_APPLIED,
+    topics.JOINT_STATES,
+    topics.VELOCITY,
+    topics.PLANT_STATE,
+    topics.CANDIDATE,
+)
+_RECORDED_IF_THERE = (topics.POSE, topics.THRUST)
+_STREAMS = (topics.JOINT_STATES, topics.VELOCITY, *_RECORDED_IF_THERE)
+
+
+class Observation:
+    """What the plant, the recorder and the graph show now.
+
+    Attributes:
+        trial: Whose facts are looked at.
+        bag_error: Why the bag could not be opened or closed, or empty.
+        result: How the swim was scored, None before.
+    """
+
+    def __init__(self, node: Node, plant: PlantClient, recorder: Recorder) -> None:
+        self._node = node
+        self._client = plant
+        self._recorder = recorder
+        self.trial: Trial | None = None
+        self.bag_error = ""
+        self.result: Result | None = None
+
+    @property
+    def plants(self) -> Sequence[str]:
+        """Nodes that publish the plant's state."""
+        return self._client.plants()
+
+    @property
+    def missing_services(self) -> Sequence[str]:
+        """The plant's services that are not there."""
+        return self._client.missing_services()
+
+    @property
+    def plant(self) -> PlantState | None:
+        """What the plant said last."""
+        return self._client.state
+
+    @property
+    def fin_reply(self) -> Reply | None:
+        """Answer to the fin."""
+        return self._client.fin_reply
+
+    @property
+    def reset_reply(self) -> Reply | None:
+        """Answer to the reset."""
+        return self._client.reset_reply
+
+    @property
+    def unmatched_topics(self) -> Sequence[str]:
+        """Topics without publisher, and streams of which nothing has come yet: only that proves the way is open."""
+        there = [topic for topic in _RECORDED_IF_THERE if self._node.count_publishers(topic.name)]
+        required = [*_ALWAYS_RECORDED, *there]
+        silent = {t.name for t in required if t in _STREAMS and not self._recorder.received(t)}
+        return [self._full(name) for name in sorted({*self._recorder.unmatched(required), *silent})]
+
+    @property
+    def newest_velocity(self) -> int | None:
+        """Stamp of the newest velocity in ns."""
+        return self._recorder.newest_stamp(topics.VELOCITY)
+
+    @property
+    def late_topics(self) -> Sequence[str]:
+        """Streams that have not reached the end of the window."""
+        if self.trial is None or self.trial.window is None:
+            return []
+        newest = {topic.name: self._recorder.newest_stamp(topic) for topic in _STREAMS}
+        end = self.trial.window.end_ns
+        return [self._full(name) for name, stamp in newest.items() if stamp is not None and stamp < end]
+
+    @property
+    def recorder_failure(self) -> str:
+        """Why the bag cannot be written."""
+        return self.bag_error or self._recorder.failure or ""
+
+    def _full(self, name: str) -> str:
+        return str(self._node.resolve_topic_name(name))

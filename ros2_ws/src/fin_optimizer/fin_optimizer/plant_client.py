@@ -1,0 +1,142 @@
+"""The plant as the optimiser sees it over ROS: its state, its services, and the gait sent to it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rclpy.duration import Duration
+from rclpy.parameter import Parameter, parameter_value_to_python
+from std_srvs.srv import Trigger
+
+from fin_optimizer.trial import Reply
+from fin_plant import topics
+from fin_plant.messages import gait_message, plant_state_from_message
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from diagnostic_msgs.msg import DiagnosticStatus
+    from rclpy.client import Client
+    from rclpy.node import Node
+    from rclpy.task import Future
+
+    from fin_plant.gait import Gait
+    from fin_plant.parameters import Value
+    from fin_plant.plant_state import PlantState
+
+_FAREWELL = Duration(seconds=0.5)
+
+
+class PlantClient:
+    """Finds the one plant of the node's namespace and speaks to it. Nothing here waits.
+
+    Attributes:
+        state: What the plant said last, None before.
+        fin_reply: Answer to the last `set_fin`, None before it has come.
+        reset_reply: Answer to the last `reset`, None before it has come.
+        changed: Something new has come; the owner sets it back.
+        parameters: What `ask_parameters` learnt, by name.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self.state: PlantState | None = None
+        self.fin_reply: Reply | None = None
+        self.reset_reply: Reply | None = None
+        self.changed = False
+        self.parameters: dict[str, Value] = {}
+        self._node = node
+        self._name = ""
+        self._set_parameters: Client | None = None
+        self._reset: Client | None = None
+        self._get_parameters: Client | None = None
+        self._gait = node.create_publisher(topics.GAIT.type, topics.GAIT.name, topics.GAIT.qos)
+        node.create_subscription(
+            topics.PLANT_STATE.type, topics.PLANT_STATE.name, self._on_state, topics.PLANT_STATE.qos
+        )
+
+    def _on_state(self, message: DiagnosticStatus) -> None:
+        self.changed = True
+        try:
+            self.state = plant_state_from_message(message)
+        except ValueError as error:
+            self._node.get_logger().error(str(error))
+
+    def plants(self) -> list[str]:
+        """Return the full names of the nodes that publish a plant's state in this namespace."""
+        topic = self._node.resolve_topic_name(topics.PLANT_STATE.name)
+        found = {
+            f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+            for publisher in self._node.get_publishers_info_by_topic(topic)
+        }
+        return sorted(found)
+
+    def missing_services(self) -> list[str]:
+        """Return the full names of the services that the plant should offer and does not; first make its clients."""
+        plants = self.plants()
+        if len(plants) != 1:
+            return []
+        if plants[0] != self._name:
+            self._connect(plants[0])
+        clients = [client for client in (self._set_parameters, self._reset) if client is not None]
+        return [str(client.service_name) for client in clients if not client.service_is_ready()]
+
+    def _connect(self, name: str) -> None:
+        for client in (self._set_parameters, self._reset, self._get_parameters):
+            if client is not None:
+                self._node.destroy_client(client)
+        self._name = name
+        self._set_parameters = self._node.create_client(
+            SetParametersAtomically, f"{name}/{topics.SET_PARAMETERS_SERVICE}"
+        )
+        self._reset = self._node.create_client(Trigger, f"{name}/{topics.RESET_SERVICE}")
+        self._get_parameters = self._node.create_client(GetParameters, f"{name}/get_parameters")
+
+    def set_fin(self, fin: Mapping[str, Value]) -> None:
+        """Ask for this fin, all its parameters at once; `fin_reply` will tell."""
+        self.fin_reply = None
+        request = SetParametersAtomically.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in fin.items()]
+        )
+
+        def note(response: Any) -> None:
+            self.fin_reply = Reply(response.result.successful, response.result.reason)
+
+        self._call(self._set_parameters, request, note)
+
+    def reset(self) -> None:
+        """Ask for the fish at rest at its start; `reset_reply` will tell."""
+        self.reset_reply = None
+
+        def note(response: Any) -> None:
+            self.reset_reply = Reply(response.success, response.message)
+
+        self._call(self._reset, Trigger.Request(), note)
+
+    def ask_parameters(self, names: Sequence[str]) -> None:
+        """Ask for these parameters; `parameters` will tell."""
+
+        def note(response: Any) -> None:
+            values = [parameter_value_to_python(value) for value in response.values]
+            self.parameters = dict(zip(names, values, strict=False))
+
+        self._call(self._get_parameters, GetParameters.Request(names=list(names)), note)
+
+    def _call(self, client: Client | None, request: Any, note: Any) -> None:
+        if client is None:
+            msg = "the plant was not found before it was spoken to"
+            raise RuntimeError(msg)
+
+        def answered(future: Future) -> None:
+            self.changed = True
+            note(future.result())
+
+        client.call_async(request).add_done_callback(answered)
+
+    def send(self, gait: Gait) -> None:
+        """Send a gait."""
+        self._gait.publish(gait_message(gait.rows()))
+
+    def farewell(self) -> None:
+        """Wait, not long, until the last gait has arrived: the process is about to end."""
+        self._gait.wait_for_all_acked(_FAREWELL)
