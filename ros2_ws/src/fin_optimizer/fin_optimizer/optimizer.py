@@ -374,9 +374,15 @@ class Optimizer:
             last.callback(self._study.close)
             last.callback(self._recorder.destroy)
             last.callback(self._write_table)
+            last.callback(self._say_how_to_go_on)
             last.callback(self._display.close)
             last.callback(self._plant.farewell)
             self._cancel("the optimiser was stopped")
+
+    def _say_how_to_go_on(self) -> None:
+        if self._mode is not Mode.DONE:
+            count, folder = len(self._study.trials), _near(self._study.folder)
+            self._display.say(f"stopped after {count} trials, all in the journal; go on with study_folder:={folder}")
 
 
 def _near(folder: Path) -> str:

@@ -1,0 +1,296 @@
+"""The optimiser with real plants: studies that run, that fail with a reason, that are interrupted and gone on with."""
+
+from __future__ import annotations
+
+import csv
+import os
+import signal
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import pytest
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+from fin_optimizer.bag import read_bag
+from fin_optimizer.score_bag import score_bag
+from fin_plant import topics
+from fin_plant.messages import plant_state_message
+from fin_plant.plant_state import PlantState, State
+from support.plant_client import PlantClient
+from support.waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from support.processes import StartedProcess
+
+    Start = Callable[..., StartedProcess]
+
+pytestmark = pytest.mark.graph
+MODULUS = "fin.young_modulus [Pa]"
+SHORT = ("measurement.duration:=1.0",)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "study"
+
+
+def start_bringup(start: Start, folder: Path, *arguments: str) -> StartedProcess:
+    return start("fin_optimizer", "bringup", f"study_folder:={folder}", *arguments)
+
+
+def start_node(start: Start, package: str, executable: str, *parameters: str) -> StartedProcess:
+    words = [word for parameter in parameters for word in ("-p", parameter)]
+    return start(package, executable, "--ros-args", *words)
+
+
+def start_optimizer(start: Start, folder: Path, *parameters: str) -> StartedProcess:
+    return start_node(start, "fin_optimizer", "optimizer", f"study_folder:={folder}", *parameters)
+
+
+def table(folder: Path) -> list[dict[str, str]]:
+    with (folder / "trials.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+class StubPlant:
+    """A plant that publishes its state and answers as it is told; what it does not offer is missing."""
+
+    def __init__(self, domain: int, *, fin_refusal: str | None = None) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = rclpy.create_node(
+            "stub", namespace=topics.NAMESPACE, context=self._context, start_parameter_services=False
+        )
+        states = self._node.create_publisher(topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos)
+        states.publish(plant_state_message(PlantState(State.READY, "stub", 1)))
+        if fin_refusal is not None:
+            self._refusal = fin_refusal
+            self._node.create_service(SetParametersAtomically, "~/set_parameters_atomically", self._refuse)
+            self._node.create_service(Trigger, "~/reset", lambda _, response: response)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._executor.spin)
+
+    def _refuse(
+        self, _: SetParametersAtomically.Request, response: SetParametersAtomically.Response
+    ) -> SetParametersAtomically.Response:
+        response.result = SetParametersResult(successful=False, reason=self._refusal)
+        return response
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._executor.shutdown()
+        self._thread.join()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture
+def client(ros_domain: int) -> Iterator[PlantClient]:
+    with PlantClient(ros_domain) as plant_client:
+        yield plant_client
+
+
+def test_a_short_study_runs_to_its_end_and_leaves_everything(start: Start, folder: Path) -> None:
+    study = start_bringup(start, folder, "trials:=4", "seed:=2", "measurement.settle:=0.5", *SHORT)
+    assert study.wait(90) == 0
+    rows = table(folder)
+    assert [row["outcome"] for row in rows] == ["OK"] * 4
+    best = max(rows, key=lambda row: float(row["speed [m/s]"]))
+    shown = f"E {float(best[MODULUS]) / 1e9:.4g} GPa swims {float(best['speed [m/s]']) * 100:.3f} cm/s"
+    assert f"best of 4 trials: {shown}" in study.output()
+    assert (folder / "speed_over_modulus.png").read_bytes().startswith(b"\x89PNG")
+    for row in rows:
+        check_bag(folder, row)
+
+
+def check_bag(folder: Path, row: dict[str, str]) -> None:
+    """The bag holds every message of the window, gives the live score to the last digit, and says what it is."""
+    scored, bag = score_bag(folder / row["bag"])
+    assert repr(scored.value) == row["speed [m/s]"]
+    assert (scored.samples, row["samples"]) == (101, "101")
+    assert bag.complete
+    # 0.5 s before the window, 1 s in it, at 100 Hz, and what came before and after.
+    assert all(bag.counts[f"/fish/{name}"] >= 150 for name in ("joint_states", "pose", "velocity", "thrust"))
+    assert bag.metadata["trial.number"] == row["trial"]
+    assert bag.metadata["fin.young_modulus"] == row[MODULUS]
+    assert bag.metadata["study.seed"] == "2"
+    assert {"git.commit", "version.numpy", "version.fin_optimizer", "gait.joint_1"} <= bag.metadata.keys()
+
+
+def test_a_study_in_two_parts_tries_the_fins_of_one_in_a_single_part(start: Start, tmp_path: Path) -> None:
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert start_bringup(start, whole, "trials:=5", *SHORT).wait(90) == 0
+    assert start_bringup(start, parts, "trials:=2", *SHORT).wait(90) == 0
+    again = start_bringup(start, parts, "trials:=5", *SHORT)
+    assert again.wait(90) == 0
+    assert "going on after 2 trials" in again.output()
+    for column in (MODULUS, "speed [m/s]"):
+        assert [row[column] for row in table(parts)] == [row[column] for row in table(whole)]
+    other = start_bringup(start, parts, "trials:=5", "seed:=2", *SHORT)
+    assert other.wait(60) == 2
+    assert "was begun with other settings: seed is 1 there and 2 here" in other.output()
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_in_the_middle_leaves_every_bag_readable_and_the_journal_complete(
+    start: Start, folder: Path, number: signal.Signals, code: int
+) -> None:
+    study = start_bringup(start, folder, "trials:=1000", "speed:=4")
+    study.wait_for_output("trial 0001")
+    # The third swim is under way when its bag has its first chunk, which is written once a second.
+    wait_until(lambda: list(folder.glob("bags/trial_0002/*.mcap")), 20, "the third trial's bag")
+    study.signal(number)
+    assert study.wait(30) == code
+    assert not study.group_alive()
+    rows = table(folder)
+    assert [row["outcome"] for row in rows[:2]] == ["OK", "OK"]
+    assert rows[-1]["outcome"] == "FAILED"
+    assert "interrupted in phase" in rows[-1]["reason"]
+    bags = sorted(folder.glob("bags/*"))
+    assert len(bags) == len(rows)
+    assert all(read_bag(bag).complete for bag in bags)
+    assert f"go on with study_folder:={os.path.relpath(folder, study.log.parents[1] / 'work')}" in study.output()
+
+
+def test_an_optimiser_that_is_stopped_switches_the_gait_off(start: Start, folder: Path, client: PlantClient) -> None:
+    start_node(start, "fin_sim", "simulator")
+    optimizer = start_optimizer(start, folder, "trials:=2")
+    client.wait_for_state(State.SWIMMING)
+    optimizer.signal(signal.SIGINT)
+    ready = client.wait_for_state(State.READY)
+    assert ready.reason == "", "the plant stopped by its own time-out"
+    assert optimizer.wait() == 130
+
+
+def test_without_a_plant_the_trial_fails_and_names_the_topic(start: Start, folder: Path) -> None:
+    optimizer = start_optimizer(start, folder, "timeout.plant:=0.5", "failures_in_a_row:=3")
+    assert optimizer.wait(60) == 1
+    assert [row["outcome"] for row in table(folder)] == ["FAILED"] * 3
+    assert len({row[MODULUS] for row in table(folder)}) == 2, "one repetition of a fin, then the next one"
+    assert "nobody publishes topic /fish/plant_state" in table(folder)[0]["reason"]
+    assert "3 trials in a row FAILED" in optimizer.output()
+
+
+def test_a_plant_without_services_fails_the_trial_and_names_them(start: Start, folder: Path, ros_domain: int) -> None:
+    with StubPlant(ros_domain):
+        optimizer = start_optimizer(start, folder, "timeout.plant:=1.0", "failures_in_a_row:=1")
+        assert optimizer.wait(60) == 1
+    expected = "service /fish/stub/set_parameters_atomically and /fish/stub/reset missing"
+    assert expected in table(folder)[0]["reason"]
+
+
+def test_a_fin_that_the_plant_refuses_is_infeasible_and_not_tried_again(
+    start: Start, folder: Path, ros_domain: int
+) -> None:
+    with StubPlant(ros_domain, fin_refusal="fin.young_modulus is not in stock"):
+        optimizer = start_optimizer(start, folder, "trials:=3")
+        assert optimizer.wait(60) == 1
+    rows = table(folder)
+    assert [(row["outcome"], row["reason"]) for row in rows] == [
+        ("INFEASIBLE", "fin.young_modulus is not in stock")
+    ] * 3
+    assert len({row[MODULUS] for row in rows}) == 3
+    assert "no trial gave a score" in optimizer.output()
+
+
+def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, ros_domain: int) -> None:
+    start_node(start, "fin_sim", "simulator").wait_for_output("kernel ready")
+    with StubPlant(ros_domain, fin_refusal=""):
+        # Both are there before the optimiser looks, which takes the first one it sees.
+        with PlantClient(ros_domain) as client:
+            client.wait_for_state(State.READY)
+        optimizer = start_optimizer(
+            start, folder, "timeout.plant:=2.0", "failures_in_a_row:=2", "attempts:=10", "trials:=1"
+        )
+        optimizer.wait(60)
+    assert "has 2 publishers (/fish/simulator, /fish/stub)" in optimizer.output()
+
+
+def call(domain: int, name: str) -> Any:
+    """Call one of the optimiser's services."""
+    with PlantClient(domain, plant="optimizer") as caller:
+        return caller._call(Trigger, name, Trigger.Request())
+
+
+def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, ros_domain: int) -> None:
+    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    optimizer = start_optimizer(start, folder, "trials:=1000", "autostart:=false", "measurement.duration:=1.0")
+    optimizer.wait_for_output("1000 trials, seed 1")
+    assert call(ros_domain, "pause").message == "nothing to pause: holding: call ~/start"
+    assert call(ros_domain, "start").success
+    optimizer.wait_for_output("trial 0001")
+    assert call(ros_domain, "pause").success
+    # Answers to the next call come after the trial under way: then the study holds.
+    wait_until(lambda: call(ros_domain, "pause").success is False, 20, "the study to hold")
+    held = optimizer.output().count("\ntrial ")
+    assert call(ros_domain, "start").success
+    optimizer.wait_for_output(f"trial {held:04d}")
+    assert call(ros_domain, "stop").success
+    assert optimizer.wait() == 0
+    assert "best of" in optimizer.output()
+    assert {row["outcome"] for row in table(folder)} <= {"OK", "FAILED"}
+
+
+def test_a_second_optimiser_on_the_same_study_is_refused(start: Start, folder: Path) -> None:
+    first = start_optimizer(start, folder, "autostart:=false")
+    first.wait_for_output("30 trials")
+    second = start_optimizer(start, folder)
+    assert second.wait() == 2
+    assert f"error: another optimiser is working on {folder}" in second.output()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "message"),
+    [
+        ("trials:=0", "trials = 0 is outside the allowed range [1, 1e+06]"),
+        ("trails:=3", "trails is not a parameter: did you mean trials"),
+        ("fin.thickness:=0.01", "fin.thickness"),
+        ("search.young_modulus.minimum:=5.0e9", "range of fin.young_modulus is upside down"),
+        ("study_folder:=/proc/study", "study_folder /proc/study cannot be used"),
+    ],
+)
+def test_a_parameter_that_cannot_be_is_refused_at_the_start(
+    start: Start, folder: Path, parameter: str, message: str
+) -> None:
+    extra = ("fin.length:=0.009",) if "thickness" in parameter else ()
+    optimizer = start_optimizer(start, folder, parameter, *extra)
+    assert optimizer.wait() == 2
+    assert f"error: {message}" in optimizer.output()
+
+
+def test_a_simulator_that_dies_ends_the_bring_up_and_is_named(start: Start, folder: Path) -> None:
+    study = start_bringup(start, folder, "trials:=1000")
+    study.wait_for_output("trial 0001")
+    children = Path(f"/proc/{study.pid}/task/{study.pid}/children").read_text().split()
+    simulator, optimizer = sorted(children, key=lambda pid: "simulator" not in command_of(pid))
+    os.kill(int(simulator), signal.SIGKILL)
+    assert study.wait(30) == 1
+    assert "error: simulator was killed by SIGKILL before the study did; the last it said:" in study.output()
+    assert "kernel ready" in study.output().rpartition("the last it said:")[2]
+    assert not Path(f"/proc/{optimizer}").exists()
+    assert all(read_bag(bag).complete for bag in folder.glob("bags/*"))
+
+
+def command_of(pid: str) -> str:
+    return Path(f"/proc/{pid}/cmdline").read_text()
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [("trial:=3", "did you mean trials"), ("plant:=robot", "is not part of this version"), ("30", "name:=value")],
+)
+def test_bring_up_refuses_what_it_does_not_know_and_starts_nothing(start: Start, argument: str, message: str) -> None:
+    study = start("fin_optimizer", "bringup", argument)
+    assert study.wait() == 2
+    assert message in study.output()
