@@ -112,14 +112,17 @@ prepare_packages() {
     if [[ -f $venv/.installed && $(<"$venv/.installed") == "$wanted" ]]; then
         return
     fi
+    local what
+    what="$(cat "${requirements[@]}" | grep -vcE '^(#|$)') pinned packages"
     # In place only on top of a complete installation for the same Python, else from scratch.
-    if [[ ! -f $venv/.installed || ! -f $venv/.base || $(<"$venv/.base") != "$root $mode $python" ]]; then
+    if [[ -f $venv/.installed && -f $venv/.base && $(<"$venv/.base") == "$root $mode $python" ]]; then
+        what="bringing $what up to date"
+    else
+        what="installing $what (about 350 MB to download, a minute or two)"
         step "virtual environment for $("$python" --version)" make_venv
     fi
     rm -f "$venv/.installed"
-    local names
-    names=$(cat "${requirements[@]}" | grep -vcE '^(#|$)')
-    step "installing $names pinned packages (about 350 MB to download, a minute or two)" install_packages
+    step "$what" install_packages
     step "checking that rclpy starts" import_ros
     echo "$root $mode $python" >"$venv/.base"
     echo "$wanted" >"$venv/.installed"
@@ -168,6 +171,8 @@ prepare_workspace() {
 
 # ---------------------------------------------------------------------------------------------------------------
 type -P flock >/dev/null || fail "the command flock is missing" "to get it: sudo apt install util-linux"
+# Runs when the command under way has ended, which Ctrl-C reaches too.
+trap 'printf "\nsetup: interrupted; run it again to go on\n" >&2; exit 130' INT
 exec 9>"$root/.setup.lock"
 if ! flock -n 9; then
     say "another set-up is under way here; waiting for it"
