@@ -30,6 +30,10 @@ lint: setup ## ruff, mypy in strict mode, and shellcheck where it is installed
 format: setup ## let ruff format the code and mend what it can
 	@$(environment) && ruff check --fix-only && ruff format
 
+.PHONY: pages
+pages: setup ## write docs/parameters.md from the nodes' parameter tables
+	@$(environment) && python scripts/write_parameters_page.py
+
 .PHONY: clean
 clean: ## remove what the set-up made: packages, the built workspace, caches; runs/ stays
 	rm -rf .venv .setup.lock .setup.log ros2_ws/build ros2_ws/install ros2_ws/log

@@ -54,6 +54,7 @@ _CLOCK_PER_SECOND = 100.0
 # Samples that may be on their way to the slowest listener; the publishers' queues hold twice as many.
 _LARGEST_BACKLOG = topics.STREAM.depth // 2
 _ACKNOWLEDGE_WAIT = Duration(seconds=0.1)
+_HANGING_AFTER = 2.0
 _NO_WAIT = Duration(seconds=0.0)
 
 
@@ -92,7 +93,7 @@ class Pace:
         behind = (time.monotonic() - self._start) * self._speed / self._sample_time - self._done
         if behind * self._sample_time > _LARGEST_LAG * max(self._speed, 1.0):
             self._start, self._done, behind = time.monotonic() - self._sample_time / self._speed, 0, 1.0
-        return min(int(behind), _SLICE)
+        return min(max(int(behind), 0), _SLICE)
 
     def advance(self, samples: int) -> None:
         """Note that so many samples were computed."""
@@ -161,7 +162,7 @@ class Simulator:
         self._rejected = 0
         self._rejection = ""
         self._last_gait = -math.inf
-        self._held_back = False
+        self._held_since: float | None = None
         self._backlog = 0
         node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
         node.create_service(Trigger, f"~/{topics.RESET_SERVICE}", self._on_reset)
@@ -294,10 +295,10 @@ class Simulator:
             self.node.get_logger().warning(self._reason)
             self._publish_gait_applied()
         self._wait_for_listeners()
-        samples = 0 if self._held_back else self._pace.due()
+        samples = 0 if self._held_since is not None else self._pace.due()
         if samples:
-            self._advance(samples)
             self._pace.advance(samples)
+            self._advance(samples)
         return self._pace.wait()
 
     def _advance(self, samples: int) -> None:
@@ -372,10 +373,16 @@ class Simulator:
         if self._backlog < _LARGEST_BACKLOG:
             return
         if all(publisher.wait_for_all_acked(_ACKNOWLEDGE_WAIT) for publisher in self._streams):
-            self._backlog, self._held_back = 0, False
+            self._backlog, self._held_since = 0, None
             return
-        self._held_back = True
-        self.node.get_logger().warning("a listener does not keep up; the fish waits for it", throttle_duration_sec=5.0)
+        self._held_since = self._held_since or time.monotonic()
+        if self._stuck:
+            self.node.get_logger().warning("a listener hangs; the fish waits for it", throttle_duration_sec=5.0)
+
+    @property
+    def _stuck(self) -> bool:
+        """Whether a listener holds the fish back for longer than a busy one does as a matter of course."""
+        return self._held_since is not None and time.monotonic() - self._held_since > _HANGING_AFTER
 
     def finished(self) -> int | None:
         """Return None: a plant runs until it is stopped."""
@@ -392,7 +399,7 @@ class Simulator:
     def _publish_diagnostics(self) -> None:
         swum, self._swum = self._swum, 0.0
         fault = self._state is State.FAULT
-        level = DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if self._held_back else DiagnosticStatus.OK
+        level = DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if self._stuck else DiagnosticStatus.OK
         status = DiagnosticStatus(
             level=level,
             name=f"{self.node.get_fully_qualified_name()}: plant",
@@ -404,7 +411,7 @@ class Simulator:
                     "fish_seconds_a_second": round(swum, 2),
                     "gaits_refused": self._rejected,
                     "last_refusal": self._rejection,
-                    "held_back_by_a_listener": self._held_back,
+                    "held_back_by_a_listener": self._stuck,
                 }
             ),
         )

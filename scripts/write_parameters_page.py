@@ -1,0 +1,68 @@
+"""Write docs/parameters.md from the packages' parameter tables: ./scripts/write_parameters_page.py or `make pages`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fin_optimizer.graph import OPTIMIZER_PARAMETERS
+from fin_plant.checks import describe_range
+from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
+from fin_plant.parameters import Parameter, ParameterTable, load_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "parameters.md"
+HEAD = """# Parameters
+
+Every parameter of every node, written by `make pages` from the tables that the nodes declare them from. Units are SI.
+Give them at the start (`-p name:=value` after `--ros-args`, or `name:=value` to the launch file), change those that are
+not *fixed* with `ros2 param set`. A value outside its range is refused and the node keeps the last good one.
+"""
+
+
+def value_range(parameter: Parameter) -> str:
+    """Return the values a parameter takes, as a reader would write them."""
+    if parameter.choices:
+        return ", ".join(parameter.choices)
+    if parameter.kind in {"double", "integer", "double_array"}:
+        return describe_range(parameter.minimum, parameter.maximum)
+    return {"bool": "true, false", "string": "text", "string_array": "texts"}[parameter.kind]
+
+
+def rows(parameters: Iterable[Parameter]) -> Iterable[str]:
+    """Return the lines of a table of parameters."""
+    yield "| parameter | unit | default | range | meaning, and where the default comes from |"
+    yield "|---|---|---|---|---|"
+    for parameter in parameters:
+        default = f"{parameter.default:g}" if isinstance(parameter.default, float) else str(parameter.default)
+        fixed = " *Fixed while the node runs.*" if parameter.read_only else ""
+        meaning = f"{parameter.description} {parameter.reason}".strip().replace("|", "\\|") + fixed
+        cells = (f"`{parameter.name}`", parameter.unit, default or "(empty)", value_range(parameter), meaning)
+        yield f"| {' | '.join(cells)} |"
+
+
+def page() -> str:
+    """Return the text of the page."""
+    own = ParameterTable({name: entry for name, entry in OPTIMIZER_PARAMETERS.items() if name not in FIN_PARAMETERS})
+    chapters: list[tuple[str, ParameterTable]] = [
+        ("Every plant: `simulator` and `servo_driver`", PLANT_PARAMETERS),
+        ("`simulator`", load_table("fin_sim", "simulator_parameters.yaml")),
+        ("`optimizer`, besides the `fin.*` that its search starts from", own),
+    ]
+    parts = [HEAD]
+    for title, table in chapters:
+        parts += [f"\n## {title}\n", "\n".join(rows(table.values())) + "\n"]
+    return "\n".join(parts)
+
+
+def main() -> int:
+    """Write the page."""
+    PAGE.write_text(page(), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
