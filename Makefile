@@ -7,7 +7,7 @@ environment := . scripts/environment.sh
 
 .PHONY: help
 help: ## show this
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-11s %s\n", $$1, $$2}' $(firstword $(MAKEFILE_LIST))
 
 .PHONY: setup
 setup: ## prepare everything: packages and the workspace; quick when nothing changed
@@ -20,6 +20,10 @@ demo: setup ## optimise the paper fin: 30 simulated trials, one bag each, result
 .PHONY: test
 test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k name" narrows them
 	@$(environment) && exec python -m pytest $(PYTEST_ARGS)
+
+.PHONY: validation
+validation: setup ## check the physics against every known answer; writes docs/validation.md and its figures
+	@./run fin_sim validation
 
 .PHONY: lint
 lint: setup ## ruff, mypy in strict mode, and shellcheck where it is installed

@@ -1,0 +1,54 @@
+"""The command ``validation``: computes every figure, draws the pictures and writes ``docs/validation.md``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fin_sim.validation import convergence, equations, measured, paper, reference
+from fin_sim.validation.page import render
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="validation", description=__doc__)
+    parser.add_argument("--data", type=Path, default=Path("tests/data"), help="reference cases, curves and swims")
+    parser.add_argument("--docs", type=Path, default=Path("docs"), help="where validation.md and figures/ are written")
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return 0 where every figure meets its target, 1 where not, 2 for bad input."""
+    options = _parser().parse_args(arguments)
+    if not (options.data / "cases").is_dir():
+        message = f"validation: error: {options.data} has no folder cases: run in the repository or give --data"
+        print(message, file=sys.stderr)  # noqa: T201
+        return 2
+    figures = options.docs / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
+    parts = (
+        ("closed forms", equations.section),
+        ("reference cases", lambda: reference.section(options.data / "cases")),
+        ("convergence", lambda: convergence.section(figures)),
+        ("the papers' curves", lambda: paper.section(options.data, figures)),
+        ("measured swims", lambda: measured.section(options.data, figures)),
+    )
+    sections = []
+    for name, make in parts:
+        print(f"validation: {name}", file=sys.stderr)  # noqa: T201
+        sections.append(make())
+    page = options.docs / "validation.md"
+    page.write_text(render(sections), encoding="utf-8")
+    missed = [check for section in sections for check in section.checks if not check.passed]
+    for check in missed:
+        print(f"validation: missed: {check.name}: {check.value:.3g}, target {check.target:.3g}", file=sys.stderr)  # noqa: T201
+    print(f"validation: wrote {page}", file=sys.stderr)  # noqa: T201
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,77 @@
+"""Checks with their targets, and the page that states them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Check:
+    """One figure with its target.
+
+    Attributes:
+        name: What is measured.
+        value: The figure, an error or deviation in the unit of the target.
+        target: The largest absolute value that passes.
+        note: The numbers behind it, for the reader.
+    """
+
+    name: str
+    value: float
+    target: float
+    note: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the figure meets its target; a figure that is not finite does not."""
+        return abs(self.value) <= self.target
+
+    def row(self) -> str:
+        """Return the row of the page's table."""
+        verdict = "yes" if self.passed else "**no**"
+        return f"| {self.name} | {self.value:.2g} | {self.target:.2g} | {verdict} | {self.note} |"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page.
+
+    Attributes:
+        title: Its heading.
+        checks: Figures with targets.
+        text: What to know, as Markdown; lines of a table among it.
+        figure: Name of the picture in ``docs/figures``, or empty.
+        caption: What the picture shows.
+    """
+
+    title: str
+    checks: list[Check] = field(default_factory=list)
+    text: str = ""
+    figure: str = ""
+    caption: str = ""
+
+    def markdown(self) -> str:
+        """Return the part as Markdown."""
+        parts = [f"## {self.title}"]
+        if self.text:
+            parts.append(self.text.strip())
+        if self.checks:
+            head = ["| check | figure | target | met | |", "|---|---|---|---|---|"]
+            parts.append("\n".join([*head, *(check.row() for check in self.checks)]))
+        if self.figure:
+            parts.append(f"![{self.caption}](figures/{self.figure})\n\n*{self.caption}*")
+        return "\n\n".join(parts)
+
+
+def render(sections: list[Section]) -> str:
+    """Return the page."""
+    checks = [check for section in sections for check in section.checks]
+    met = sum(check.passed for check in checks)
+    head = f"""# Validation of the simulated fish
+
+Made by `make validation` (`./run fin_sim validation`) from what is committed; do not edit it by hand. {met} of
+{len(checks)} figures meet their target. Symbols: E Young's modulus, U speed, S C_D drag area, C_N coefficient of the
+resistive force. The *paper fin* is 8.0 cm long, 2.5 cm high and 0.208 mm thick in three segments, driven at 0.9 Hz and
+15 degrees either way on a body of 14 cm; the papers print a thickness of 1 mm, with which their own equation 3 makes
+the fin rigid at 0.9 Hz, and 0.208 mm gives the hinge stiffnesses that they print."""
+    return "\n\n".join([head, *(section.markdown() for section in sections)]) + "\n"
