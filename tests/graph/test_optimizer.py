@@ -130,14 +130,15 @@ def check_bag(folder: Path, row: dict[str, str]) -> None:
 
 def test_a_study_in_two_parts_tries_the_fins_of_one_in_a_single_part(start: Start, tmp_path: Path) -> None:
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    assert start_bringup(start, whole, "trials:=5", *SHORT).wait(90) == 0
-    assert start_bringup(start, parts, "trials:=2", *SHORT).wait(90) == 0
-    again = start_bringup(start, parts, "trials:=5", *SHORT)
+    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    assert start_optimizer(start, whole, "trials:=5", *SHORT).wait(90) == 0
+    assert start_optimizer(start, parts, "trials:=2", *SHORT).wait(90) == 0
+    again = start_optimizer(start, parts, "trials:=5", *SHORT)
     assert again.wait(90) == 0
     assert "going on after 2 trials" in again.output()
     for column in (MODULUS, "speed [m/s]"):
         assert [row[column] for row in table(parts)] == [row[column] for row in table(whole)]
-    other = start_bringup(start, parts, "trials:=5", "seed:=2", *SHORT)
+    other = start_optimizer(start, parts, "trials:=5", "seed:=2", *SHORT)
     assert other.wait(60) == 2
     assert "was begun with other settings: seed is 1 there and 2 here" in other.output()
 
@@ -207,9 +208,6 @@ def test_a_fin_that_the_plant_refuses_is_infeasible_and_not_tried_again(
 def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, ros_domain: int) -> None:
     start_node(start, "fin_sim", "simulator").wait_for_output("kernel ready")
     with StubPlant(ros_domain, fin_refusal=""):
-        # Both are there before the optimiser looks, which takes the first one it sees.
-        with PlantClient(ros_domain) as client:
-            client.wait_for_state(State.READY)
         optimizer = start_optimizer(
             start, folder, "timeout.plant:=2.0", "failures_in_a_row:=2", "attempts:=10", "trials:=1"
         )
@@ -217,26 +215,42 @@ def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, 
     assert "has 2 publishers (/fish/simulator, /fish/stub)" in optimizer.output()
 
 
-def call(domain: int, name: str) -> Any:
-    """Call one of the optimiser's services."""
-    with PlantClient(domain, plant="optimizer") as caller:
-        return caller._call(Trigger, name, Trigger.Request())
+@pytest.fixture
+def call(ros_domain: int) -> Iterator[Callable[[str], Any]]:
+    """Call a service of the optimiser by its name, and wait for the answer."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=ros_domain)
+    node = rclpy.create_node("caller", namespace=topics.NAMESPACE, context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def call_one(name: str) -> Any:
+        client = node.create_client(Trigger, f"optimizer/{name}")
+        wait_until(client.service_is_ready, 20, f"service {name}", lambda: executor.spin_once(timeout_sec=0.02))
+        future = client.call_async(Trigger.Request())
+        wait_until(future.done, 20, f"answer of {name}", lambda: executor.spin_once(timeout_sec=0.02))
+        node.destroy_client(client)
+        return future.result()
+
+    yield call_one
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown(context=context)
 
 
-def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, ros_domain: int) -> None:
+def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, call: Callable[[str], Any]) -> None:
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
     optimizer = start_optimizer(start, folder, "trials:=1000", "autostart:=false", "measurement.duration:=1.0")
     optimizer.wait_for_output("1000 trials, seed 1")
-    assert call(ros_domain, "pause").message == "nothing to pause: holding: call ~/start"
-    assert call(ros_domain, "start").success
+    assert call("pause").message == "nothing to pause: holding: call ~/start"
+    assert call("start").success
     optimizer.wait_for_output("trial 0001")
-    assert call(ros_domain, "pause").success
-    # Answers to the next call come after the trial under way: then the study holds.
-    wait_until(lambda: call(ros_domain, "pause").success is False, 20, "the study to hold")
+    assert call("pause").success
+    wait_until(lambda: call("pause").success is False, 20, "the study to hold")
     held = optimizer.output().count("\ntrial ")
-    assert call(ros_domain, "start").success
+    assert call("start").success
     optimizer.wait_for_output(f"trial {held:04d}")
-    assert call(ros_domain, "stop").success
+    assert call("stop").success
     assert optimizer.wait() == 0
     assert "best of" in optimizer.output()
     assert {row["outcome"] for row in table(folder)} <= {"OK", "FAILED"}

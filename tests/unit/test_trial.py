@@ -193,7 +193,7 @@ def test_a_fault_in_any_phase_fails_the_trial_with_the_plants_reason(phase: str)
     swims = phase in {"settle", "measure"}
     rehearsal.say(State.FAULT, 99 * SECOND, "the state is not finite at 3.2 s")
     rehearsal.update()
-    assert "the plant is in FAULT: the state is not finite at 3.2 s" in rehearsal.failure
+    assert f"{phase}: topic /fish/plant_state says FAULT (the state is not finite at 3.2 s)" in rehearsal.failure
     if swims:
         assert rehearsal.actions == [Action.GAIT_OFF, Action.CLOSE_BAG]
 
@@ -294,6 +294,15 @@ def test_two_plants_in_one_namespace_are_refused_by_name() -> None:
     rehearsal.update()
     rehearsal.update(10.1)
     assert "has 2 publishers (/fish/servo_driver, /fish/simulator): leave only one plant" in rehearsal.failure
+
+
+@pytest.mark.parametrize("phase", [phase.name for phase in PHASES][1:])
+def test_a_second_plant_that_turns_up_fails_the_trial(phase: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.seen.plants = ("/fish/servo_driver", "/fish/simulator")
+    rehearsal.update()
+    assert rehearsal.failure.startswith(f"{phase}: topic /fish/plant_state has 2 publishers")
 
 
 def test_a_missing_service_is_named() -> None:

@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 
 EXIT_FAILURE = 1
 EXIT_USAGE = 2
-# How a process is asked to end, each time more firmly, with the seconds that it gets. The optimiser closes a bag and a
-# journal, for which a slow disk may need its time.
-_WAYS_TO_END = ((signal.SIGINT, 15.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))
+# How a process is asked to end, whatever signal came here, with the seconds that it gets. The nodes treat SIGINT and
+# SIGTERM alike once they run; while Python still loads them, SIGTERM ends them without a traceback. The optimiser
+# closes a bag and a journal, for which a slow disk may need its time.
+_WAYS_TO_END = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 _LAST_WORDS = 20
 
 
@@ -151,12 +152,12 @@ class Bringup:
         """End all processes, the optimiser first: its last gait must still find the plant.
 
         Args:
-            number: Signal that asked for the end, 0 if none did.
+            number: Signal that asked for the end here, 0 if none did.
         """
         for child in reversed(self.children):
             for way, patience in _WAYS_TO_END:
                 if child.process.poll() is None:
-                    child.signal(number if way == signal.SIGINT and number else way)
+                    child.signal(way)
                     self._wait_for(child, patience)
         code = self.optimizer.process.returncode
         self.optimizer.echo()

@@ -48,6 +48,8 @@ _LOOK_PERIOD = 0.02
 _SWIM_LOOK_PERIOD = 0.002
 """s between two looks at the newest velocity: a swim far faster than real time must not go on after its window."""
 _IDLE_PERIOD = 0.1
+_DISCOVERY = 0.5
+"""s before the first trial: a second plant must have been seen before the first one is spoken to."""
 
 
 class Mode(Enum):
@@ -80,6 +82,7 @@ class Optimizer:
         self._asked_parameters = False
         self._gait_due: float | None = None
         self._health_due = self._look_due = 0.0
+        self._start_at = time.monotonic() + _DISCOVERY
         self._plant = PlantClient(self.node)
         self._recorder = Recorder(self.node)
         self._facts = Observation(self.node, self._plant, self._recorder)
@@ -151,7 +154,7 @@ class Optimizer:
             return self._advance(now, self._trial)
         elif self._mode is Mode.PAUSING:
             self._mode = Mode.HOLDING
-        elif self._mode is Mode.RUNNING:
+        elif self._mode is Mode.RUNNING and now >= self._start_at:
             self._begin_trial()
             return 0.0
         return _IDLE_PERIOD

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from fin_plant.parameters import Value
     from fin_plant.plant_state import PlantState
 
+_LOOK_PERIOD = 0.05
+"""s between two looks at the graph, which take longer than a look at a variable."""
 _FAREWELL = Duration(seconds=0.5)
 
 
@@ -46,6 +49,8 @@ class PlantClient:
         self.changed = False
         self.parameters: dict[str, Value] = {}
         self._node = node
+        self._plants: list[str] = []
+        self._look_due = 0.0
         self._name = ""
         self._set_parameters: Client | None = None
         self._reset: Client | None = None
@@ -64,12 +69,13 @@ class PlantClient:
 
     def plants(self) -> list[str]:
         """Return the full names of the nodes that publish a plant's state in this namespace."""
-        topic = self._node.resolve_topic_name(topics.PLANT_STATE.name)
-        found = {
-            f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
-            for publisher in self._node.get_publishers_info_by_topic(topic)
-        }
-        return sorted(found)
+        now = time.monotonic()
+        if now >= self._look_due:
+            self._look_due = now + _LOOK_PERIOD
+            topic = self._node.resolve_topic_name(topics.PLANT_STATE.name)
+            found = self._node.get_publishers_info_by_topic(topic)
+            self._plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in found})
+        return self._plants
 
     def missing_services(self) -> list[str]:
         """Return the full names of the services that the plant should offer and does not; first make its clients."""

@@ -45,6 +45,7 @@ class Result:
         reason: Why, unless OK.
         score: m/s, needed for OK and refused otherwise.
         spread: m/s, None if unknown.
+        cost: Cost of transport in J/m, None if unknown.
         samples: Number of velocities in the score.
         interrupted: The trial was stopped and says nothing about the fin.
 
@@ -56,12 +57,14 @@ class Result:
     reason: str = ""
     score: float | None = None
     spread: float | None = None
+    cost: float | None = None
     samples: int = 0
     interrupted: bool = False
 
     def __post_init__(self) -> None:
         if self.outcome is Outcome.OK:
             checks.number("score of an OK trial", float("nan") if self.score is None else self.score, unit="m/s")
+            checks.number("cost of transport of an OK trial", self.cost or 0.0, unit="J/m")
         elif self.outcome not in {Outcome.FAILED, Outcome.INFEASIBLE}:
             msg = f"a trial cannot end as {self.outcome}: it ends OK, FAILED or INFEASIBLE"
             raise ValueError(msg)
@@ -284,19 +287,21 @@ class Trial:
     def _failure(self, facts: Facts) -> Result | None:
         """Return how the trial ends because of something that may happen in any phase."""
         phase = PHASES[self._index]
-        if facts.recorder_failure:
-            return Result(Outcome.FAILED, f"{phase.name}: {facts.recorder_failure}")
-        if self._index <= _AT_REST:
-            return None
-        if facts.plant is not None and facts.plant.state is State.FAULT:
-            return Result(
-                Outcome.FAILED, f"{phase.name}: the plant is in FAULT: {facts.plant.reason or 'no reason given'}"
-            )
         if phase.action is Action.SET_FIN and facts.fin_reply is not None and not facts.fin_reply.accepted:
             return Result(Outcome.INFEASIBLE, facts.fin_reply.reason or "the plant refused the fin without a reason")
+        trouble = self._trouble(phase, facts)
+        return Result(Outcome.FAILED, f"{phase.name}: {trouble}") if trouble else None
+
+    def _trouble(self, phase: Phase, facts: Facts) -> str:
+        if facts.recorder_failure:
+            return facts.recorder_failure
+        if self._index > 0 and len(facts.plants) > 1:
+            return _no_plant(self, facts)
+        if self._index > _AT_REST and _is(facts, State.FAULT):
+            return _says(self, facts)
         if phase.action is Action.RESET and facts.reset_reply is not None and not facts.reset_reply.accepted:
-            return Result(Outcome.FAILED, f"{phase.name}: the plant refused: {facts.reset_reply.reason}")
-        return None
+            return f"the plant refused: {facts.reset_reply.reason}"
+        return ""
 
     def _overdue(self, now: float, facts: Facts) -> Result | None:
         phase = PHASES[self._index]
