@@ -34,6 +34,8 @@ def trial(
         interrupted=False,
         score=score,
         spread=None if score is None else 0.001,
+        cost=None,
+        plant="/fish",
         samples=0 if score is None else 1000,
         bag=f"bags/trial_{number:04d}",
         started=NOON + timedelta(seconds=number),

@@ -82,7 +82,7 @@ def journal_states(folder: Path) -> list[str]:
 def test_each_step_of_a_trial_is_in_the_journal_before_the_next_one_happens(folder: Path) -> None:
     study = Study.create(folder, SETTINGS)
     record = study.propose(0, {MODULUS: 1e9})
-    assert (record.outcome, record.bag, journal_states(folder)) == (Outcome.PROPOSED, "bags/trial_0000", ["WAITING"])
+    assert (record.outcome, record.bag, journal_states(folder)) == (Outcome.PROPOSED, "bags/trial_0000_E1GPa", ["WAITING"])
     assert study.start(0).outcome is Outcome.RUNNING
     assert journal_states(folder) == ["RUNNING"]
     ended = study.finish(0, ok(0.02))

@@ -27,11 +27,13 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader
-from mcap.writer import CompressionType, Writer
-from rosbags.rosbag2.metadata import dump_qos_v9
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from rosbags.rosbag2.errors import ReaderError
+from rosbags.rosbag2.metadata import dump_qos_v9, parse_qos
 from rosbags.typesys import Stores, get_typestore
 from zstandard import ZstdError
 
+from fin_optimizer.disk_space import shortage
 from fin_optimizer.score import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -45,8 +47,8 @@ if TYPE_CHECKING:
 
 CHUNK_SIZE = 32 * 1024
 """Bytes of a chunk before compression: about 0.4 s of a swim in real time."""
-FLUSH_PERIOD = 1.0
-"""s of wall time. What a kill or a power cut can take away at most."""
+FLUSH_PERIOD = 0.75
+"""s of wall time between two flushes: with the time that one takes, a kill or a power cut takes away less than 1 s."""
 TRIAL_RECORD = "trial"
 """Name of the MCAP metadata record that describes the trial."""
 BAG_VERSION = 9
@@ -163,9 +165,10 @@ class BagWriter:
         metadata: What describes the trial. Numbers as ``repr`` writes them keep all their digits.
         newest_stamp_ns: Time in ns that the plant had reached before, for messages without a header that come
             before the first one with a header.
+        minimum_free: Bytes that must stay free on the disk, looked at now and at each flush.
 
     Raises:
-        BagError: The folder exists, cannot be made, or a message type is not known.
+        BagError: The folder exists, cannot be made, a message type is not known, or the disk is too full.
     """
 
     def __init__(
@@ -175,8 +178,10 @@ class BagWriter:
         metadata: Mapping[str, str],
         *,
         newest_stamp_ns: int | None = None,
+        minimum_free: float = 0.0,
     ) -> None:
         self.path = path
+        self._minimum_free = minimum_free
         self._topics = {topic.name: topic for topic in topics}
         self._metadata = dict(metadata)
         self._newest = newest_stamp_ns
@@ -187,6 +192,7 @@ class BagWriter:
         self._earliest: int | None = None
         self._latest = 0
         self._with_header = {topic.name: self._known_type(topic) for topic in topics}
+        self._check_free()
         with self._failing("make"):
             path.mkdir(parents=True)
             self._file = (path / f"{path.name}_0.mcap").open("xb")
@@ -205,6 +211,11 @@ class BagWriter:
             msg = f"topic {topic.name} has the type {topic.type_name}, which ROS 2 Jazzy does not define"
             raise BagError(msg)
         return has_header(topic.type_name)
+
+    def _check_free(self) -> None:
+        if self._failure is None and (missing := shortage(self.path, self._minimum_free)):
+            self._failure = f"bag {self.path} cannot be written: {missing}"
+            raise BagError(self._failure)
 
     def _undo(self) -> None:
         """Remove the bag that could not be started, so that its name is free again."""
@@ -260,6 +271,15 @@ class BagWriter:
             self._add(topic, data, stamp)
         self.flush_if_due()
 
+    def copy(self, topic: str, data: bytes, log_time_ns: int) -> None:
+        """Append a message of another bag at the log time that it has there.
+
+        Raises:
+            BagError: The disk refuses.
+        """
+        with self._failing("write"):
+            self._add(topic, data, log_time_ns)
+
     def _write_held(self, stamp: int) -> None:
         """Write the messages without a header that came before the plant's time was known."""
         held, self._held = self._held, []
@@ -287,6 +307,7 @@ class BagWriter:
         Raises:
             BagError: The disk refuses.
         """
+        self._check_free()
         with self._failing("write"):
             self._to_disk()
 
@@ -432,15 +453,19 @@ class Bag:
         path: The MCAP file.
         metadata: What describes the trial.
         topics: Message type by absolute topic name.
+        qos: What the publishers offered, as YAML, by absolute topic name; see `offered`.
         counts: Number of messages by absolute topic name.
         complete: Whether it was closed. If not, the last moments before a kill are missing.
+        whole_bytes: Length of the file up to where a kill cut it off.
     """
 
     path: Path
     metadata: Mapping[str, str]
     topics: Mapping[str, str]
+    qos: Mapping[str, str]
     counts: Mapping[str, int]
     complete: bool
+    whole_bytes: int
 
     def topic(self, name: str) -> str:
         """Return the absolute name of the topic that is called ``name`` or ends with ``/name``.
@@ -455,8 +480,21 @@ class Bag:
             raise BagError(msg)
         return found[0]
 
+    def offered(self, name: str) -> Qos:
+        """Return what the publisher of a topic offered.
+
+        Raises:
+            BagError: No such topic, or the bag does not say.
+        """
+        topic = self.topic(name)
+        try:
+            return parse_qos(self.qos[topic])[0]
+        except (ReaderError, LookupError, TypeError) as error:
+            msg = f"bag {self.path} does not tell the quality of service of {topic}: {error}"
+            raise BagError(msg) from error
+
     def messages(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
-        """Yield absolute topic, log time in ns and serialised message of the topics, as recorded.
+        """Yield absolute topic, log time in ns and serialised message of the topics, in the order of their recording.
 
         Raises:
             BagError: No such topic, or damaged bytes.
@@ -498,7 +536,7 @@ def read_bag(path: Path) -> Bag:
     Raises:
         BagError: There is no bag, or its bytes are damaged.
     """
-    file = _mcap_file(path)
+    file = mcap_file(path)
     metadata: dict[str, str] = {}
     schemas: dict[int, str] = {}
     channels: dict[int, Channel] = {}
@@ -513,12 +551,15 @@ def read_bag(path: Path) -> Bag:
         elif isinstance(record, Channel):
             channels[record.id] = record
             counts.setdefault(record.id, 0)
+    length, complete = _whole_records(file)
     return Bag(
         path=file,
         metadata=metadata,
         topics={channel.topic: schemas[channel.schema_id] for channel in channels.values()},
+        qos={channel.topic: channel.metadata.get("offered_qos_profiles", "") for channel in channels.values()},
         counts={channel.topic: counts[number] for number, channel in channels.items()},
-        complete=_whole_records(file)[1],
+        complete=complete,
+        whole_bytes=length,
     )
 
 
@@ -528,7 +569,7 @@ def bag_metadata(path: Path) -> dict[str, str]:
     Raises:
         BagError: There is no bag, or its bytes are damaged.
     """
-    for record in _records(_mcap_file(path)):
+    for record in _records(mcap_file(path)):
         if isinstance(record, Metadata) and record.name == TRIAL_RECORD:
             return record.metadata
     return {}
@@ -543,7 +584,7 @@ def read_velocity(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return read_bag(path).velocity()
 
 
-def _mcap_file(path: Path) -> Path:
+def mcap_file(path: Path) -> Path:
     """Return the one MCAP file that a path means."""
     if path.is_file():
         return path
@@ -553,6 +594,28 @@ def _mcap_file(path: Path) -> Path:
         msg = f"{path} is no bag of a trial: it is {what}; give the folder that holds one .mcap file"
         raise BagError(msg)
     return files[0]
+
+
+def is_closed(path: Path) -> bool:
+    """Return whether the bag in a folder was closed: its file has its end, and ``metadata.yaml`` is there.
+
+    Raises:
+        BagError: There is no bag, or it cannot be read.
+    """
+    file = mcap_file(path)
+    try:
+        return file.with_name("metadata.yaml").exists() and _ends_as_closed(file)
+    except OSError as error:
+        msg = f"cannot read bag {path}: {error.strerror or error}"
+        raise BagError(msg) from error
+
+
+def _ends_as_closed(file: Path) -> bool:
+    """Look at the last bytes alone: a study has thousands of bags."""
+    with file.open("rb") as stream:
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(0, size - _MAGIC_SIZE))
+        return size > 2 * _MAGIC_SIZE and stream.read() == MCAP0_MAGIC
 
 
 def _whole_records(path: Path) -> tuple[int, bool]:

@@ -50,14 +50,24 @@ class Recorder:
     Call it from the thread that spins the node. It works with any executor.
 
     Args:
-        node: Node that subscribes; the topics' names are relative to its namespace.
+        node: Node that subscribes.
         topics: What to record.
+        namespace: Of the fish, to which the topics' names are relative; empty for the node's own.
+        minimum_free: Bytes that must stay free on the disk of a bag.
     """
 
-    def __init__(self, node: Node, topics: Sequence[Topic[Any]] = RECORDED_TOPICS) -> None:
+    def __init__(
+        self,
+        node: Node,
+        topics: Sequence[Topic[Any]] = RECORDED_TOPICS,
+        *,
+        namespace: str = "",
+        minimum_free: float = 0.0,
+    ) -> None:
         self._node = node
+        self._minimum_free = minimum_free
         self._queue: deque[tuple[str, bytes]] = deque()
-        self._ears = {topic.name: _Ear(node, topic, self._queue) for topic in topics}
+        self._ears = {topic.name: _Ear(node, topic, self._queue, namespace) for topic in topics}
         self._closing = threading.Event()
         self._job: Future[BagSummary] | None = None
 
@@ -107,7 +117,8 @@ class Recorder:
             ear.take_waiting(ALL)
         stamps = [header_stamp(ear.last) for ear in ears if ear.with_header and ear.last is not None]
         topics = [BagTopic(ear.name, ear.topic.type_name, _bag_qos(ear.topic.qos)) for ear in ears]
-        writer = BagWriter(path, topics, metadata, newest_stamp_ns=max(stamps, default=None))
+        newest = max(stamps, default=None)
+        writer = BagWriter(path, topics, metadata, newest_stamp_ns=newest, minimum_free=self._minimum_free)
         self._queue.clear()
         self._closing.clear()
         for ear in ears:
@@ -183,7 +194,7 @@ class Recorder:
 class _Ear:
     """Listens to one topic; ``queue`` gets its messages while a bag is open."""
 
-    def __init__(self, node: Node, topic: Topic[Any], queue: deque[tuple[str, bytes]]) -> None:
+    def __init__(self, node: Node, topic: Topic[Any], queue: deque[tuple[str, bytes]], namespace: str) -> None:
         self.topic = topic
         self.with_header = has_header(topic.type_name)
         self.received = 0
@@ -192,7 +203,7 @@ class _Ear:
         self._queue = queue
         self._recording = False
         self.subscription: Subscription = node.create_subscription(
-            topic.type, topic.name, self._receive, _every_message(topic.qos), raw=True
+            topic.type, topic.name_in(namespace), self._receive, _every_message(topic.qos), raw=True
         )
         self.name = str(self.subscription.topic_name)
 

@@ -6,6 +6,9 @@ it ends. Outcomes are Optuna's states:
 
     PROPOSED WAITING, RUNNING RUNNING, OK COMPLETE, FAILED FAIL, INFEASIBLE PRUNED
 
+The order of the entries is the order of events, so what was known when a candidate was proposed can be told from the
+journal, also where several fish swim at once.
+
 A study's folder holds ``study.json`` (settings, written once), ``journal.log``, ``bags/`` and the report's files.
 """
 
@@ -16,16 +19,19 @@ import fcntl
 import json
 import os
 import statistics
-import time
 import warnings
 from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import optuna
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
-from fin_optimizer.search import Dimension, Evaluation, Space, Values
+from fin_optimizer.journal import StudyError, check_lines, remove_stale_lock, take_off_cut_line, whole_entries
+from fin_optimizer.report import show_values
+from fin_optimizer.search import Dimension, Evaluation, Space, Values, pareto_front
 from fin_optimizer.trial import Outcome
 from fin_plant import checks
 
@@ -41,17 +47,27 @@ FORMAT = 1
 SETTINGS_FILE = "study.json"
 JOURNAL_FILE = "journal.log"
 BAG_FOLDER = "bags"
-# Left by a process that was killed between taking and releasing it; a living one holds it for milliseconds.
-_STALE_LOCK_SECONDS = 5.0
-
 _STUDY_NAME = "study"
 _KILLED = "interrupted: the optimiser's process ended before the trial did"
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 
-class StudyError(ValueError):
-    """A study that cannot be begun or gone on with; the message says what to do."""
+# What a study may be after: name, Optuna's direction, and how its dashboard labels the axis.
+_SPEED = ("speed", "maximize", "mean forward speed (m/s)")
+_COST = ("cost of transport", "minimize", "cost of transport (J/m)")
+
+
+class Objective(StrEnum):
+    """What a study looks for."""
+
+    SPEED = "speed"
+    SPEED_AND_COST = "speed_and_cost_of_transport"
+
+    @property
+    def parts(self) -> tuple[tuple[str, str, str], ...]:
+        """Name, direction and label of each number that is to be good."""
+        return (_SPEED,) if self is Objective.SPEED else (_SPEED, _COST)
 
 
 _STATE_OF = {
@@ -77,7 +93,9 @@ class TrialRecord:
         interrupted: It FAILED because somebody or something stopped the optimiser; it says nothing about the fin.
         score: Mean forward speed in m/s, None unless OK.
         spread: Standard deviation of the speed between blocks of the swim in m/s, None unless OK and known.
+        cost: Cost of transport in J/m, None unless OK and asked for.
         samples: Number of velocities in the score.
+        plant: Namespace of the fish that swam it, empty if unknown.
         bag: Its bag, relative to the study's folder.
         started: When it was begun, None while PROPOSED.
         ended: When its outcome was written, None before.
@@ -91,7 +109,9 @@ class TrialRecord:
     interrupted: bool
     score: float | None
     spread: float | None
+    cost: float | None
     samples: int
+    plant: str
     bag: str
     started: datetime | None
     ended: datetime | None
@@ -122,11 +142,32 @@ class Candidate:
     values: Values
     trials: tuple[TrialRecord, ...]
 
-    @property
+    @cached_property
     def score(self) -> float | None:
         """Mean score of its OK trials in m/s, None without any."""
+        return _mean([trial.score for trial in self.trials])
+
+    @cached_property
+    def cost(self) -> float | None:
+        """Mean cost of transport of its OK trials in J/m, None without any."""
+        return _mean([trial.cost for trial in self.trials])
+
+    @cached_property
+    def spread(self) -> float | None:
+        """Standard deviation of its OK trials' scores in m/s (n - 1 in the denominator), None with fewer than two."""
         scores = [trial.score for trial in self.trials if trial.score is not None]
-        return statistics.fmean(scores) if scores else None
+        return statistics.stdev(scores) if len(scores) > 1 else None
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """What a search is told of it."""
+        return Evaluation(self.values, self.score, self.cost)
+
+    def wants_trial(self, policy: Policy) -> bool:
+        """Whether one more trial should be begun, now that some may be under way."""
+        outcomes = [trial.outcome for trial in self.trials]
+        begun = outcomes.count(Outcome.OK) + outcomes.count(Outcome.RUNNING) + outcomes.count(Outcome.PROPOSED)
+        return not self.settled(policy) and begun < policy.repeats
 
     def settled(self, policy: Policy) -> bool:
         """Whether it needs no further trial: swum often enough, failed too often, or infeasible."""
@@ -136,6 +177,11 @@ class Candidate:
             or outcomes.count(Outcome.OK) >= policy.repeats
             or outcomes.count(Outcome.FAILED) >= policy.attempts
         )
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return statistics.fmean(known) if known else None
 
 
 def candidates(trials: Iterable[TrialRecord]) -> list[Candidate]:
@@ -148,7 +194,7 @@ def candidates(trials: Iterable[TrialRecord]) -> list[Candidate]:
 
 def history(tried: Sequence[Candidate]) -> list[Evaluation]:
     """Return what a search is told of these candidates: a score for those that have one, never NaN."""
-    return [Evaluation(candidate.values, candidate.score) for candidate in tried]
+    return [candidate.evaluation for candidate in tried]
 
 
 @dataclass(frozen=True)
@@ -159,16 +205,18 @@ class Settings:
         space: What is searched.
         policy: How often a candidate is swum.
         details: All else that decides the candidates and their scores, by name: search, seed, gait, window.
+        objective: What is looked for.
     """
 
     space: Space
     policy: Policy = field(default_factory=Policy)
     details: Mapping[str, object] = field(default_factory=dict)
+    objective: Objective = Objective.SPEED
 
     def flat(self) -> dict[str, object]:
         """Return every setting by a name that a reader knows."""
         bounds = {f"range of {d.name}": f"[{d.minimum!r}, {d.maximum!r}] {d.unit}" for d in self.space.dimensions}
-        return {**bounds, **asdict(self.policy), **self.details}
+        return {**bounds, **asdict(self.policy), "objective": str(self.objective), **self.details}
 
     def differences(self, other: Settings) -> list[str]:
         """Return a text for each setting that differs, its value here first."""
@@ -186,6 +234,7 @@ class Settings:
             "format": FORMAT,
             "space": [asdict(dimension) for dimension in self.space.dimensions],
             "policy": asdict(self.policy),
+            "objective": self.objective,
             "details": dict(self.details),
         }
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
@@ -204,8 +253,10 @@ class Settings:
                 msg = f"its format {version} is newer than the {FORMAT} that this version knows: update fin_optimizer"
                 raise StudyError(msg)
             space = Space(tuple(Dimension(**dimension) for dimension in content["space"]))
-            return cls(space, Policy(**content["policy"]), content["details"])
-        except (KeyError, TypeError, json.JSONDecodeError) as error:
+            return cls(space, Policy(**content["policy"]), content["details"], Objective(content["objective"]))
+        except StudyError:
+            raise
+        except (KeyError, TypeError, ValueError) as error:
             msg = f"it is no study's settings ({type(error).__name__}: {error}); restore it or begin another folder"
             raise StudyError(msg) from error
 
@@ -217,6 +268,7 @@ class Study:
         folder: Where everything of the study lies.
         settings: As they were when the study was begun.
         notes: What had to be put right when it was opened, for the user.
+        history: What a search is told, one entry a candidate; one without a score may still be swimming.
     """
 
     def __init__(self, folder: Path, settings: Settings, lock: TextIO, notes: list[str]) -> None:
@@ -224,21 +276,30 @@ class Study:
         self.folder = folder
         self.settings = settings
         self.notes = notes
+        self.history: list[Evaluation] = []
         self._lock = lock
-        (folder / BAG_FOLDER).mkdir(exist_ok=True)
-        self._study = _ledger(folder / JOURNAL_FILE)
+        self._journal = folder / JOURNAL_FILE
+        with whole_entries(self._journal):
+            (folder / BAG_FOLDER).mkdir(exist_ok=True)
+            self._storage, self._study_id = _ledger(self._journal, settings.objective)
         self._distributions: dict[str, optuna.distributions.BaseDistribution] = {
             d.name: optuna.distributions.FloatDistribution(d.minimum, d.maximum) for d in settings.space.dimensions
         }
-        self._running: dict[int, optuna.Trial] = {}
-        self._trials = [_record(trial) for trial in self._study.get_trials(deepcopy=False)]
+        self._ids: list[int] = []
+        self._trials: list[TrialRecord] = []
+        self._candidates: list[Candidate] = []
+        self._settled: set[int] = set()
+        self._best: Candidate | None = None
+        for trial in self._storage.get_all_trials(self._study_id, deepcopy=False):
+            self._ids.append(trial._trial_id)  # noqa: SLF001  (Optuna's own key; it has no public name)
+            self._note(_record(trial))
 
     @classmethod
     def create(cls, folder: Path, settings: Settings) -> Study:
         """Begin a study in ``folder``, which is made; its parents too.
 
         Raises:
-            StudyError: The folder holds something already.
+            StudyError: The folder holds something already, or the disk refuses the journal.
             OSError: The folder cannot be written.
         """
         if (folder / SETTINGS_FILE).exists():
@@ -273,14 +334,7 @@ class Study:
             StudyError: No study, one of a newer version, one begun with other settings, or one that another process
                 works on. Nothing on the disk is changed then.
         """
-        try:
-            own = Settings.from_json((folder / SETTINGS_FILE).read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            msg = f"{folder} holds no study: {SETTINGS_FILE} is missing"
-            raise StudyError(msg) from None
-        except StudyError as error:
-            msg = f"{folder / SETTINGS_FILE}: {error}"
-            raise StudyError(msg) from error
+        own = read_settings(folder)
         if settings is not None and (different := own.differences(settings)):
             msg = f"{folder} was begun with other settings: {'; '.join(different)}. Use the same, or another folder"
             raise StudyError(msg)
@@ -299,61 +353,76 @@ class Study:
     @property
     def candidates(self) -> list[Candidate]:
         """All candidates so far, in order."""
-        return candidates(self._trials)
+        return list(self._candidates)
 
     def best(self) -> Candidate | None:
-        """Return the candidate with the highest score, of equals the first; None if nothing was scored."""
-        scored = [candidate for candidate in self.candidates if candidate.score is not None]
-        return max(scored, key=lambda candidate: candidate.score or 0.0, default=None)
+        """Return the candidate with the highest speed, of equals the first; None if nothing was scored."""
+        return self._best
 
     def settled(self) -> int:
         """Return how many candidates need no further trial."""
-        return sum(candidate.settled(self.settings.policy) for candidate in self.candidates)
+        return len(self._settled)
 
     def next_candidate(self, search: Search) -> tuple[int, Values]:
         """Return number and values of the candidate to try next.
 
-        That is the last one again while it is not settled (repeats, failed attempts, an interruption), then the one
-        that ``search`` proposes for the history of all candidates.
+        That is the first one that lacks a trial (repeats, failed attempts, an interruption), or else the one that
+        ``search`` proposes for the history of all candidates; those still swimming have no score in it yet.
         """
-        tried = self.candidates
-        if tried and not tried[-1].settled(self.settings.policy):
-            return tried[-1].number, tried[-1].values
-        return len(tried), self.settings.space.check(search.propose(history(tried)))
+        for candidate in self._candidates:
+            if candidate.number not in self._settled and candidate.wants_trial(self.settings.policy):
+                return candidate.number, candidate.values
+        return len(self._candidates), self.settings.space.check(search.propose(self.history))
 
-    def propose(self, candidate: int, values: Values) -> TrialRecord:
-        """Write down that a trial of this candidate will be made, and return it."""
+    def propose(self, candidate: int, values: Values, plant: str = "") -> TrialRecord:
+        """Write down that a trial of this candidate will be made by the fish of this namespace, and return it.
+
+        Raises:
+            StudyError: The disk refused. The journal is as before.
+        """
         values = self.settings.space.check(values)
-        number = len(self._trials)
-        self._study.add_trial(
-            optuna.create_trial(
-                state=optuna.trial.TrialState.WAITING,
-                params=values,
-                distributions=self._distributions,
-                user_attrs={"candidate": candidate, "bag": f"{BAG_FOLDER}/trial_{number:04d}"},
-            )
+        bag = f"{BAG_FOLDER}/{bag_name(len(self._trials), values)}"
+        trial = optuna.create_trial(
+            state=optuna.trial.TrialState.WAITING,
+            params=values,
+            distributions=self._distributions,
+            user_attrs={"candidate": candidate, "bag": bag, "plant": plant},
         )
-        return self._refreshed(number)
+        with whole_entries(self._journal):
+            self._ids.append(self._storage.create_new_trial(self._study_id, trial))
+        return self._refreshed(len(self._ids) - 1)
 
     def start(self, number: int) -> TrialRecord:
-        """Write down that the trial, proposed before, is under way."""
-        trial = self._study.ask()
-        if trial.number != number:
-            msg = f"trial {number} cannot be started: trial {trial.number} was proposed before it and waits"
-            raise StudyError(msg)
-        self._running[number] = trial
+        """Write down that the trial, proposed before, is under way.
+
+        Raises:
+            StudyError: The disk refused. The journal is as before.
+        """
+        with whole_entries(self._journal):
+            self._storage.set_trial_state_values(self._ids[number], optuna.trial.TrialState.RUNNING)
         return self._refreshed(number)
 
     def finish(self, number: int, result: Result) -> TrialRecord:
-        """Write down how the trial ended."""
-        trial = self._running.pop(number)
+        """Write down how the trial ended.
+
+        Raises:
+            StudyError: The disk refused. The trial is still open in the journal.
+        """
         attributes: dict[str, object] = {"reason": result.reason, "interrupted": result.interrupted}
-        if result.outcome is Outcome.OK:
+        values = None
+        if result.outcome is Outcome.OK and result.score is not None:
             attributes = {"spread": result.spread, "samples": result.samples}
-        for name, value in attributes.items():
-            trial.set_user_attr(name, value)
-        # Last, since it makes the trial count: a kill before it leaves the trial open, and it is made again.
-        self._study.tell(trial, values=result.score, state=_STATE_OF[result.outcome])
+            values = [result.score]
+        if values is not None and self.settings.objective is Objective.SPEED_AND_COST:
+            if result.cost is None:
+                msg = f"trial {number} has no cost of transport, which this study is about"
+                raise StudyError(msg)
+            values.append(result.cost)
+        with whole_entries(self._journal):
+            for name, value in attributes.items():
+                self._storage.set_trial_user_attr(self._ids[number], name, value)
+            # Last, since it makes the trial count: a kill before it leaves the trial open, and it is made again.
+            self._storage.set_trial_state_values(self._ids[number], _STATE_OF[result.outcome], values)
         return self._refreshed(number)
 
     def __enter__(self) -> Self:
@@ -368,32 +437,107 @@ class Study:
 
     def _refreshed(self, number: int) -> TrialRecord:
         """Return a trial as the journal has it now, which is also what the search will be told."""
-        record = _record(self._study.get_trials(deepcopy=False)[number])
-        self._trials[number:] = [record]
+        record = _record(self._storage.get_trial(self._ids[number]))
+        self._note(record)
         return record
 
+    def _note(self, record: TrialRecord) -> None:
+        """Take in a trial that is new or has changed; nothing here grows with the number of trials before it."""
+        self._trials[record.number : record.number + 1] = [record]
+        number = record.candidate
+        known = self._candidates[number].trials if number < len(self._candidates) else ()
+        trials = (*(trial for trial in known if trial.number != record.number), record)
+        candidate = Candidate(number, record.values, tuple(sorted(trials, key=lambda trial: trial.number)))
+        self._candidates[number : number + 1] = [candidate]
+        self.history[number : number + 1] = [candidate.evaluation]
+        if candidate.settled(self.settings.policy):
+            self._settled.add(number)
+        if candidate.score is None:
+            return
+        if self._best is not None and self._best.number == number:
+            self._best = fastest(self._candidates)
+        elif self._best is None or _rank(candidate) > _rank(self._best):
+            self._best = candidate
+
     def _fail_unfinished(self) -> None:
-        for trial in list(self._trials):
-            if trial.outcome is Outcome.PROPOSED:
-                self.start(trial.number)
+        for trial in self.trials:
             if trial.outcome in {Outcome.PROPOSED, Outcome.RUNNING}:
-                self._study.tell(trial.number, state=optuna.trial.TrialState.FAIL)
-                self._trials[trial.number] = _record(self._study.get_trials(deepcopy=False)[trial.number])
+                with whole_entries(self._journal):
+                    self._storage.set_trial_state_values(self._ids[trial.number], optuna.trial.TrialState.FAIL)
+                self._refreshed(trial.number)
                 self.notes.append(f"trial {trial.number} was under way when the optimiser ended: FAILED, made again")
-        self._running.clear()
 
 
-def _ledger(journal: Path) -> optuna.Study:
-    """Return the Optuna study in the journal; it is begun if the journal is new."""
-    storage = JournalStorage(JournalFileBackend(str(journal), lock_obj=JournalFileOpenLock(str(journal))))
-    sampler = optuna.samplers.RandomSampler()  # never asked: candidates come from fin_optimizer.search
-    if optuna.get_all_study_names(storage):
-        return optuna.load_study(study_name=_STUDY_NAME, storage=storage, sampler=sampler)
-    study = optuna.create_study(study_name=_STUDY_NAME, storage=storage, sampler=sampler, direction="maximize")
+def _rank(candidate: Candidate) -> tuple[float, int]:
+    """Return what sorts candidates with a score, the best last; of equals the first one is the best."""
+    return (candidate.score if candidate.score is not None else float("-inf"), -candidate.number)
+
+
+def fastest(tried: Iterable[Candidate]) -> Candidate | None:
+    """Return the candidate with the highest speed, of equals the first; None if none has a score."""
+    return max((c for c in tried if c.score is not None), key=_rank, default=None)
+
+
+def front(tried: Sequence[Candidate]) -> list[Candidate]:
+    """Return the candidates of the Pareto front of speed and cost of transport, the fastest first."""
+    chosen = [tried[index] for index in pareto_front([candidate.evaluation for candidate in tried])]
+    return sorted(chosen, key=_rank, reverse=True)
+
+
+def bag_name(number: int, values: Values) -> str:
+    """Return the name of a trial's bag, which tells a person the fin, for example ``trial_0007_E1.112GPa``."""
+    fin = show_values(values).replace(", ", "_").replace(" ", "")
+    return f"trial_{number:04d}_{fin}"
+
+
+def read_settings(folder: Path) -> Settings:
+    """Return the settings of the study in a folder; nothing is changed.
+
+    Raises:
+        StudyError: There is no study, or this version cannot read it.
+    """
+    try:
+        return Settings.from_json((folder / SETTINGS_FILE).read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        msg = f"{folder} holds no study: {SETTINGS_FILE} is missing"
+        raise StudyError(msg) from None
+    except StudyError as error:
+        msg = f"{folder / SETTINGS_FILE}: {error}"
+        raise StudyError(msg) from error
+
+
+def read_trials(folder: Path) -> list[TrialRecord]:
+    """Return all trials of the study in a folder, also while an optimiser works on it; nothing is changed.
+
+    Raises:
+        StudyError: There is no journal, or this version cannot read it.
+    """
+    journal = folder / JOURNAL_FILE
+    if not journal.exists():
+        msg = f"{folder} holds no study: {JOURNAL_FILE} is missing"
+        raise StudyError(msg)
+    check_lines(journal)
+    storage = JournalStorage(JournalFileBackend(str(journal)))
+    try:
+        study_id = storage.get_study_id_from_name(_STUDY_NAME)
+    except KeyError:
+        return []
+    return [_record(trial) for trial in storage.get_all_trials(study_id, deepcopy=False)]
+
+
+def _ledger(journal: Path, objective: Objective) -> tuple[JournalStorage, int]:
+    """Return Optuna's storage and its number of the study in the journal; the study is begun if the journal is new."""
+    lock = JournalFileOpenLock(str(journal))
+    storage = JournalStorage(JournalFileBackend(str(journal), lock_obj=lock))
+    try:
+        return storage, storage.get_study_id_from_name(_STUDY_NAME)
+    except KeyError:
+        directions = [direction for _, direction, _ in objective.parts]
+        study = optuna.create_study(study_name=_STUDY_NAME, storage=storage, directions=directions)
     with warnings.catch_warnings():  # only the dashboard's axis label: nothing is lost if Optuna drops it
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        study.set_metric_names(["mean forward speed (m/s)"])
-    return study
+        study.set_metric_names([label for _, _, label in objective.parts])
+    return storage, storage.get_study_id_from_name(_STUDY_NAME)
 
 
 def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
@@ -402,6 +546,7 @@ def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
     outcome = _OUTCOME_OF[trial.state]
     killed = outcome is Outcome.FAILED and "reason" not in attributes
     started, ended = trial.datetime_start, trial.datetime_complete
+    score, cost = [*(trial.values or []), None, None][:2] if outcome is Outcome.OK else (None, None)
     return TrialRecord(
         number=trial.number,
         candidate=attributes["candidate"],
@@ -409,9 +554,11 @@ def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
         outcome=outcome,
         reason=_KILLED if killed else attributes.get("reason", ""),
         interrupted=killed or attributes.get("interrupted", False),
-        score=trial.value if outcome is Outcome.OK else None,
-        spread=attributes.get("spread"),
-        samples=attributes.get("samples", 0),
+        score=score,
+        spread=attributes.get("spread") if outcome is Outcome.OK else None,
+        cost=cost,
+        samples=attributes.get("samples", 0) if outcome is Outcome.OK else 0,
+        plant=attributes.get("plant", ""),
         bag=attributes["bag"],
         started=started.astimezone() if started else None,
         ended=ended.astimezone() if ended else None,
@@ -431,24 +578,18 @@ def _locked(folder: Path) -> TextIO:
 
 
 def _repaired(journal: Path) -> list[str]:
-    """Remove what a kill in the middle of an entry leaves behind, and return a note on each; needs the study's lock.
+    """Remove what a kill in the middle of an entry left behind, and return a note on it; needs the study's lock.
 
-    Optuna ignores a last line that is cut short, but would then append to it and make both unreadable.
+    Raises:
+        StudyError: The journal is damaged or of a newer version; nothing is changed.
     """
-    notes: list[str] = []
-    lock = journal.with_name(journal.name + ".lock")
-    if os.path.lexists(lock) and time.time() - lock.lstat().st_mtime > _STALE_LOCK_SECONDS:
-        lock.unlink()
     if not journal.exists():
-        return notes
-    content = journal.read_bytes()
-    whole = content.rfind(b"\n") + 1
-    if whole < len(content):
-        with journal.with_name(journal.name + ".cut").open("ab") as kept:
-            kept.write(content[whole:] + b"\n")
-        os.truncate(journal, whole)
-        notes.append(f"the journal's last entry was cut short ({len(content) - whole} bytes) and was taken off")
-    return notes
+        return []
+    check_lines(journal)
+    remove_stale_lock(journal)
+    if length := take_off_cut_line(journal):
+        return [f"the journal's last entry was cut short ({length} bytes) and was taken off"]
+    return []
 
 
 def _sync_folder(folder: Path) -> None:

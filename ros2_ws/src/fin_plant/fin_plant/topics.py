@@ -51,6 +51,10 @@ class Topic(Generic[MessageT]):
         package = self.type.__module__.split(".")[0]
         return f"{package}/msg/{self.type.__name__}"
 
+    def name_in(self, namespace: str) -> str:
+        """Return the name in a fish's namespace, for example ``/fish/gait``; in an empty one it stays relative."""
+        return f"{namespace.rstrip('/')}/{self.name}" if namespace else self.name
+
 
 GAIT = Topic("gait", Float64MultiArray, LATEST, "gait asked for; repeat at 2 Hz or more")
 GAIT_APPLIED = Topic("gait_applied", Float64MultiArray, LATCHED, "gait after the limits")

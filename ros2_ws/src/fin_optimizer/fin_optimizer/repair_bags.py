@@ -1,0 +1,153 @@
+"""Command ``repair_bags``: closes bags that a kill or a power cut left open.
+
+A repaired bag is written beside the original, read again and compared message by message; only then it takes the
+original's place. Whatever happens before leaves the original as it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fin_optimizer.bag import BagError, BagTopic, BagWriter, is_closed, mcap_file, read_bag
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from fin_optimizer.bag import Bag
+
+_WORK_FOLDER = ".repair"
+
+
+@dataclass(frozen=True)
+class Repair:
+    """What came of a bag that was not closed.
+
+    Attributes:
+        path: Folder of the bag.
+        counts: Messages by topic that the repaired bag holds; empty if it could not be repaired.
+        lost: Bytes at the end of the original that were no whole chunk any more.
+        failure: Why it could not be repaired, or empty. The original is then as it was.
+    """
+
+    path: Path
+    counts: Mapping[str, int]
+    lost: int
+    failure: str = ""
+
+    def __str__(self) -> str:
+        """Say what came of it."""
+        if self.failure:
+            return f"bag {self.path.name} was left open and cannot be repaired: {self.failure}"
+        counts = ", ".join(f"{count} {topic}" for topic, count in self.counts.items() if count) or "none"
+        cut = f"; {self.lost} bytes of an unfinished chunk were lost" if self.lost else ""
+        return f"bag {self.path.name} was left open: repaired with all messages in it ({counts}){cut}"
+
+
+def repair_bag(path: Path) -> Repair | None:
+    """Close a bag that was left open; return what came of it, None if there was nothing to do.
+
+    Args:
+        path: Folder of the bag.
+    """
+    if is_closed(path):
+        return None
+    try:
+        original = read_bag(path)
+        return _repaired(path, original)
+    except (BagError, OSError) as error:
+        return Repair(path, {}, 0, str(error))
+
+
+def _repaired(path: Path, original: Bag) -> Repair:
+    work = path / _WORK_FOLDER
+    shutil.rmtree(work, ignore_errors=True)  # an earlier repair that was itself cut short
+    copy = work / original.path.stem.removesuffix("_0")
+    if not original.topics:
+        msg = f"bag {path} was cut off before its first topic"
+        raise BagError(msg)
+    topics = [BagTopic(name, type_name, original.offered(name)) for name, type_name in original.topics.items()]
+    try:
+        with BagWriter(copy, topics, original.metadata) as writer:
+            for message in original.messages(*original.topics):
+                writer.copy(message[0], message[2], message[1])
+        _verify(original, read_bag(copy))
+        size = original.path.stat().st_size
+        # The bag first: if the next line is never reached, metadata.yaml is missing and the repair is made again.
+        mcap_file(copy).replace(original.path)
+        (copy / "metadata.yaml").replace(path / "metadata.yaml")
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return Repair(path, original.counts, size - original.whole_bytes)
+
+
+def _verify(original: Bag, copy: Bag) -> None:
+    """Compare two bags message by message.
+
+    Raises:
+        BagError: They differ.
+    """
+    same = copy.complete and (copy.metadata, copy.topics, copy.qos) == (original.metadata, original.topics, original.qos)
+    pairs = zip_longest(original.messages(*original.topics), copy.messages(*copy.topics))
+    if not same or any(before != after for before, after in pairs):
+        msg = f"the repaired copy of {original.path} differs from it: the original is kept, look at the disk"
+        raise BagError(msg)
+
+
+def bag_folders(path: Path) -> Iterator[Path]:
+    """Yield the bags that a path means, in the order of their names: one bag, a folder of bags, or a study.
+
+    Raises:
+        BagError: There is none.
+    """
+    if any(path.glob("*.mcap")):
+        yield path
+        return
+    bags = path / "bags" if (path / "bags").is_dir() else path
+    found = sorted({file.parent for file in bags.glob("*/*.mcap")}) if bags.is_dir() else []
+    if not found:
+        msg = f"{path} holds no bag: give the folder of a bag, of bags, or of a study"
+        raise BagError(msg)
+    yield from found
+
+
+def repair_bags(path: Path) -> list[Repair]:
+    """Repair every bag of a study or of a folder of bags that was left open; return what came of those.
+
+    Raises:
+        BagError: There is no bag at all.
+    """
+    return [repair for bag in bag_folders(path) if (repair := repair_bag(bag)) is not None]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Repair what is asked for; return 0, or 2 if a bag could not be repaired."""
+    parser = argparse.ArgumentParser(
+        prog="repair_bags",
+        description="Close bags that a kill or a power cut left open. The optimiser does the same when it goes on.",
+    )
+    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="a bag, a folder of bags, or a study")
+    code = 0
+    for path in parser.parse_args(arguments).paths:
+        try:
+            repairs = repair_bags(path)
+        except BagError as error:
+            sys.stderr.write(f"error: {error}\n")
+            code = 2
+            continue
+        for repair in repairs:
+            (sys.stderr if repair.failure else sys.stdout).write(f"{repair}\n")
+        if any(repair.failure for repair in repairs):
+            code = 2
+        if not repairs:
+            sys.stdout.write(f"{path}: every bag was closed, nothing to repair\n")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

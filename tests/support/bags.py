@@ -1,0 +1,80 @@
+"""Bags of invented swims, as the optimiser records them."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+
+from fin_optimizer.bag import BagTopic, BagWriter, message_types
+from fin_optimizer.score import Measurement
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+STEP = SECOND // 100
+
+
+def quality(durability: QosDurability = QosDurability.VOLATILE) -> Qos:
+    """Return what a plant offers."""
+    none = QosTime(0, 0)
+    return Qos(
+        QosHistory.KEEP_LAST,
+        1000,
+        QosReliability.RELIABLE,
+        durability,
+        none,
+        none,
+        QosLiveliness.AUTOMATIC,
+        none,
+        avoid_ros_namespace_conventions=False,
+    )
+
+
+VELOCITY = BagTopic("/fish/velocity", "geometry_msgs/msg/TwistStamped", quality())
+STATE = BagTopic("/fish/plant_state", "diagnostic_msgs/msg/DiagnosticStatus", quality(QosDurability.TRANSIENT_LOCAL))
+GAIT = BagTopic("/fish/gait", "std_msgs/msg/Float64MultiArray", quality())
+
+
+def velocity(stamp: int, forward: float) -> bytes:
+    """Return a serialised TwistStamped."""
+    types = message_types().types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND)), "base_link")
+    vector = types["geometry_msgs/msg/Vector3"]
+    twist = types["geometry_msgs/msg/Twist"](vector(forward, 0.0, 0.0), vector(0.0, 0.0, 0.0))
+    message = types[VELOCITY.type_name](header, twist)
+    return bytes(message_types().serialize_cdr(message, VELOCITY.type_name))
+
+
+def state(name: str, stamp: int) -> bytes:
+    """Return a serialised plant_state."""
+    types = message_types().types
+    values = [types["diagnostic_msgs/msg/KeyValue"]("stamp_ns", str(stamp))]
+    status = types[STATE.type_name](0, "plant_state", name, "simulator", values)
+    return bytes(message_types().serialize_cdr(status, STATE.type_name))
+
+
+def gait(amplitude: float = 0.3) -> bytes:
+    """Return a serialised gait without layout."""
+    types = message_types().types
+    message = types[GAIT.type_name](types["std_msgs/msg/MultiArrayLayout"]([], 0), np.array([amplitude, 1.0, 0.0, 0.0]))
+    return bytes(message_types().serialize_cdr(message, GAIT.type_name))
+
+
+def write_swim(path: Path, duration: float = 2.0) -> Path:
+    """Write the bag of a whole trial with 100 velocities a second, some chunks long; return its folder."""
+    metadata = {"trial.number": "7", **Measurement(duration=duration).metadata()}
+    with BagWriter(path, (VELOCITY, STATE, GAIT), metadata) as writer:
+        writer.write(STATE.name, state("READY", START - SECOND))
+        writer.write(STATE.name, state("SWIMMING", START))
+        writer.write(GAIT.name, gait())
+        for index in range(round(duration * 100) + 1):
+            writer.write(VELOCITY.name, velocity(START + index * STEP, 0.1 + 0.01 * math.sin(index)))
+            if index % 20 == 0:
+                writer.flush()
+        writer.write(STATE.name, state("READY", START + round(duration * SECOND)))
+    return path

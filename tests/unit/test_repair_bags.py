@@ -1,0 +1,144 @@
+"""A bag that was left open is closed with all that is in it; the original stays until its copy is proven equal."""
+
+from __future__ import annotations
+
+import random
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+from rosbags.rosbag2 import Reader
+
+from fin_optimizer import repair_bags as repair_module
+from fin_optimizer.bag import BagTopic, BagWriter, is_closed, read_bag
+from fin_optimizer.repair_bags import main, repair_bag, repair_bags
+from fin_optimizer.score import Measurement
+from fin_optimizer.score_bag import score_bag
+from support.bags import write_swim
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def left_open(path: Path, length: int | None = None) -> Path:
+    """Make a bag look as a kill leaves it: cut, without metadata.yaml."""
+    (path / "metadata.yaml").unlink(missing_ok=True)
+    file = next(path.glob("*.mcap"))
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) - 20 if length is None else length])
+    return path
+
+
+@pytest.fixture
+def swim(tmp_path: Path) -> Path:
+    return write_swim(tmp_path / "bags" / "trial_0007_E1.112GPa")
+
+
+def test_a_closed_bag_needs_no_repair(swim: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = {path: path.read_bytes() for path in swim.iterdir()}
+    assert repair_bag(swim) is None
+    assert main([str(swim.parents[1])]) == 0
+    assert "every bag was closed" in capsys.readouterr().out
+    assert {path: path.read_bytes() for path in swim.iterdir()} == before
+
+
+def test_a_bag_without_its_end_is_closed_with_every_message_and_the_same_score(swim: Path) -> None:
+    score, whole = score_bag(swim)
+    left_open(swim)
+    repair = repair_bag(swim)
+    assert repair is not None
+    assert repair.failure == ""
+    assert repair.counts == whole.counts
+    assert f"{whole.counts['/fish/velocity']} /fish/velocity" in str(repair)
+    assert is_closed(swim)
+    again, bag = score_bag(swim)
+    assert (again, bag.metadata, bag.qos, bag.complete) == (score, whole.metadata, whole.qos, True)
+    assert list(bag.messages("velocity")) == list(whole.messages("velocity"))
+    with Reader(swim) as reader:
+        assert {c.topic: c.msgcount for c in reader.connections} == whole.counts
+    assert sorted(path.name for path in swim.iterdir()) == ["metadata.yaml", f"{swim.name}_0.mcap"]
+
+
+def test_a_bag_cut_at_random_lengths_is_repaired_or_left_alone_and_never_gives_other_messages(
+    swim: Path, tmp_path: Path
+) -> None:
+    whole = read_bag(swim)
+    messages = list(whole.messages("velocity"))
+    size = whole.path.stat().st_size
+    repaired = 0
+    for length in [0, 7, 8, *random.Random(1).sample(range(9, size), 40)]:  # noqa: S311
+        cut = tmp_path / f"cut_{length}" / swim.name
+        shutil.copytree(swim, cut)
+        left_open(cut, length)
+        content = next(cut.glob("*.mcap")).read_bytes()
+        repair = repair_bag(cut)
+        assert repair is not None
+        if repair.failure:
+            assert next(cut.glob("*.mcap")).read_bytes() == content
+            assert not is_closed(cut)
+            continue
+        repaired += 1
+        bag = read_bag(cut)
+        found = list(bag.messages("velocity"))
+        assert bag.complete
+        assert found == messages[: len(found)]
+        assert bag.counts == repair.counts
+    assert repaired > 30
+
+
+def test_the_original_stays_if_the_copy_differs(swim: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    left_open(swim)
+    content = next(swim.glob("*.mcap")).read_bytes()
+    monkeypatch.setattr(BagWriter, "copy", lambda *_: None)
+    repair = repair_bag(swim)
+    assert repair is not None
+    assert "differs from it: the original is kept" in repair.failure
+    assert next(swim.glob("*.mcap")).read_bytes() == content
+    assert [path.name for path in swim.iterdir()] == [f"{swim.name}_0.mcap"]
+
+
+@pytest.mark.parametrize("after", ["nothing", "the bag"])
+def test_a_repair_that_is_itself_cut_short_is_made_again(
+    swim: Path, monkeypatch: pytest.MonkeyPatch, after: str
+) -> None:
+    _, whole = score_bag(swim)
+    left_open(swim)
+    with monkeypatch.context() as patch:
+        patch.setattr(repair_module.shutil, "rmtree", lambda *_, **__: None)
+        patch.setattr(repair_module, "_verify", None if after == "nothing" else lambda *_: None)
+        if after == "nothing":
+            with pytest.raises(TypeError):
+                repair_bag(swim)
+        else:
+            repair_bag(swim)
+            (swim / "metadata.yaml").unlink()
+    repair = repair_bag(swim)
+    assert repair is not None
+    assert repair.counts == whole.counts
+    assert is_closed(swim)
+
+
+def test_a_study_is_repaired_as_a_whole_and_what_cannot_be_is_named(
+    swim: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = swim.parents[1]
+    left_open(write_swim(study / "bags" / "trial_0008"))
+    left_open(write_swim(study / "bags" / "trial_0009"), 3)
+    assert len(repair_bags(study)) == 2
+    left_open(study / "bags" / "trial_0008")
+    assert main([str(study), str(study / "nothing")]) == 2
+    out, err = capsys.readouterr()
+    assert "bag trial_0008 was left open: repaired" in out
+    assert "bag trial_0009 was left open and cannot be repaired" in err
+    assert "nothing holds no bag" in err
+
+
+def test_an_empty_bag_is_repaired_to_an_empty_bag(tmp_path: Path, swim: Path) -> None:
+    topics = [BagTopic(name, kind, read_bag(swim).offered(name)) for name, kind in read_bag(swim).topics.items()]
+    with BagWriter(tmp_path / "empty", topics, Measurement().metadata()):
+        pass
+    left_open(tmp_path / "empty")
+    repair = repair_bag(tmp_path / "empty")
+    assert repair is not None
+    assert "(none)" in str(repair)
+    assert is_closed(tmp_path / "empty")
