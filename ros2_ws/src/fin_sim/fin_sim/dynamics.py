@@ -15,7 +15,6 @@ by the stiffest hinge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -407,17 +406,16 @@ def integrate(state, motion, links, body, free, distributed, step, every, stiff,
     return steps // every + 1
 
 
-@dataclass(frozen=True)
 class StepError(ArithmeticError):
     """A swim whose state stopped being finite: says when, and what may help."""
 
-    time: float
-
-    def __str__(self) -> str:
-        return (
-            f"the state stopped being finite after {self.time:.3f} s: "
+    def __init__(self, time: float) -> None:
+        """Note the time in s."""
+        super().__init__(
+            f"the state stopped being finite after {time:.3f} s: "
             "the step is too long for this fin and gait; use a shorter step or a slower gait"
         )
+        self.time = time
 
 
 class Stepper:

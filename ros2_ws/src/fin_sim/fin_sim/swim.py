@@ -27,6 +27,8 @@ STEP = 1e-3
 IDEAL_SERVO = Servo()
 SAMPLE_TIME = 1e-2
 _DURATION_LIMIT = 1e5
+# A fin that flutters or whips may need a shorter step than was asked for: a quarter, then a sixteenth of it.
+_ATTEMPTS = 3
 
 
 def swim_chain(
@@ -39,7 +41,7 @@ def swim_chain(
     step: float = STEP,
     sample_time: float = SAMPLE_TIME,
 ) -> Swim:
-    """Swim a chain from rest; see `swim`.
+    """Swim a chain from rest; see `swim`. Where the step proves too long, it is quartered, twice at most.
 
     Raises:
         ValueError: A duration, ramp, step or sample time outside its range, or a gait with another number of joints.
@@ -49,11 +51,19 @@ def swim_chain(
     sample_time = checks.number("sample_time", sample_time, 0.0, duration, unit="s", exclusive_minimum=True)
     step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
     samples = max(1, round(duration / sample_time))
-    every = math.ceil(duration / samples / step - 1e-9)
-    stepper = dynamics.Stepper(chain, duration / (samples * every), every)
-    follower = GaitFollower(sum(chain.driven), ramp_time)
-    follower.command(gait, 0.0)
-    states, records = stepper.advance(stepper.start(), TailDrive(follower, servo).motion(stepper.half_step_times(samples)))
+    for attempt in range(_ATTEMPTS):
+        every = math.ceil(duration / samples / step - 1e-9)
+        stepper = dynamics.Stepper(chain, duration / (samples * every), every)
+        follower = GaitFollower(sum(chain.driven), ramp_time)
+        follower.command(gait, 0.0)
+        motion = TailDrive(follower, servo).motion(stepper.half_step_times(samples))
+        try:
+            states, records = stepper.advance(stepper.start(), motion)
+            break
+        except dynamics.StepError:
+            if attempt == _ATTEMPTS - 1:
+                raise
+            step = 0.25 * stepper.step
     links, first = len(chain.links), dynamics.BODY_STATES
     return Swim(
         chain=chain,
