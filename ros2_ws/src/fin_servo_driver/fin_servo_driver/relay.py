@@ -1,0 +1,220 @@
+"""A tail pulled to either side by relays: which one is on when, and how long. Nothing here knows ROS or a port.
+
+With p the phase angle, a = amplitude / stroke and b = bias / stroke, left is wanted while sin p > cos(theta_L / 2) with
+theta_L = 2 asin(a + b), right while sin p < -cos(theta_R / 2) with theta_R = 2 asin(a - b): on-windows centred on the
+peaks, whose length is the duty.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from fin_plant.gait import Gait, JointDrive
+from fin_servo_driver.set_points import Outputs, require_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from fin_servo_driver.robot_file import RelayJoint, RelayTiming
+
+LEFT, OFF, RIGHT = 1, 0, -1
+HIGHEST_FREQUENCY = 5.0
+"""Hz. Half a beat is then 100 ms: a dead time of 30 to 50 ms and the shortest on-time of 50 ms still fit in."""
+
+
+def wanted_level(phase_angle: float, amplitude: float, bias: float) -> int:
+    """Return LEFT, OFF or RIGHT.
+
+    Args:
+        phase_angle: p, rad.
+        amplitude: a, as a part of the stroke.
+        bias: b, as a part of the stroke.
+    """
+    sine = math.sin(phase_angle)
+    duty_left, duty_right = (min(max(part, 0.0), 1.0) for part in (amplitude + bias, amplitude - bias))
+    # cos(asin(x)) = sqrt(1 - x^2); a duty of 0 leaves only sin p > 1, which is never.
+    if sine > math.sqrt(1.0 - duty_left * duty_left):
+        return LEFT
+    if sine < -math.sqrt(1.0 - duty_right * duty_right):
+        return RIGHT
+    return OFF
+
+
+class RelaySwitch:
+    """The pair of relays of one joint: keeps dead time and on-times, never has both on, counts operations.
+
+    Attributes:
+        level: LEFT, OFF or RIGHT, as switched.
+        operations: How often each side came on.
+    """
+
+    def __init__(self, timing: RelayTiming, period: float) -> None:
+        """Start with both off.
+
+        Args:
+            timing: What the relays stand.
+            period: s until the next step: a relay whose longest on-time would pass before it goes off now.
+        """
+        self.level = OFF
+        self.operations = {LEFT: 0, RIGHT: 0}
+        self._timing = timing
+        self._period = period
+        self._since = -math.inf
+        self._last_side = OFF
+        self._spent = OFF
+
+    def step(self, wanted: int, now: float) -> int:
+        """Return the level at ``now`` s for the level wanted."""
+        if wanted != self._spent:
+            self._spent = OFF
+        on_for = now - self._since
+        if self.level != OFF:
+            too_long = on_for + self._period > self._timing.longest_on
+            if too_long:
+                self._spent = self.level
+            if too_long or (wanted != self.level and on_for >= self._timing.shortest_on):
+                self._switch(OFF, now)
+            return self.level
+        other_side = wanted != self._last_side
+        rested = on_for >= self._timing.dead_time or not other_side
+        if wanted not in {OFF, self._spent} and rested:
+            self._switch(wanted, now)
+            self.operations[wanted] += 1
+            self._last_side = wanted
+        return self.level
+
+    def release(self, now: float) -> None:
+        """Switch off at once, whatever the shortest on-time is: somebody stopped the tail."""
+        if self.level != OFF:
+            self._switch(OFF, now)
+
+    def _switch(self, level: int, now: float) -> None:
+        self.level = level
+        self._since = now
+
+
+class RelayMotion:
+    """A tail of relays. A change of gait is ramped, and its phase angle has no jump."""
+
+    stop_time = 0.0
+
+    def __init__(self, joints: Sequence[RelayJoint], timing: RelayTiming, period: float) -> None:
+        """Start with all relays off; ``period`` is the time in s between two looks."""
+        self.angles = [0.0] * len(joints)
+        self.limited = 0
+        self.switches = [RelaySwitch(timing, period) for _ in joints]
+        self._joints = tuple(joints)
+        self._timing = timing
+        self._ramps = [_DriveRamp() for _ in joints]
+        self._ramp_time = 0.0
+
+    @property
+    def joints(self) -> int:
+        """Number of driven joints."""
+        return len(self._joints)
+
+    @property
+    def operations(self) -> dict[int, int]:
+        """How often the relay of each channel came on."""
+        pairs = zip(self._joints, self.switches, strict=True)
+        return {
+            channel: switch.operations[side]
+            for joint, switch in pairs
+            for channel, side in ((joint.left, LEFT), (joint.right, RIGHT))
+        }
+
+    def allowed(self, gait: Gait, sweep: float, highest_frequency: float) -> Gait:
+        """Return the gait inside the limits.
+
+        Raises:
+            ValueError: Another number of rows than joints, or a frequency that relays cannot follow.
+        """
+        require_rows(gait, self.joints)
+        for number, drive in enumerate(gait.joints, start=1):
+            if drive.frequency > HIGHEST_FREQUENCY:
+                msg = (
+                    f"joint {number}: gait frequency = {drive.frequency:g} Hz is more than relays follow, at most "
+                    f"{HIGHEST_FREQUENCY:g} Hz: dead time and shortest on-time fill half a beat"
+                )
+                raise ValueError(msg)
+        pairs = zip(gait.joints, self._joints, strict=True)
+        return Gait(tuple(drive.limited(min(sweep, joint.stroke), highest_frequency) for drive, joint in pairs))
+
+    def restart(self, ramp_time: float, measured: Mapping[int, float]) -> None:
+        """Begin anew with all relays off; nothing is measured on relays."""
+        del measured
+        self._ramp_time = ramp_time
+        self._ramps = [_DriveRamp() for _ in self._joints]
+        self.angles = [0.0] * len(self._joints)
+
+    def command(self, gait: Gait, time: float) -> None:
+        """Follow a gait from ``time`` s on."""
+        for ramp, drive in zip(self._ramps, gait.joints, strict=True):
+            ramp.change(drive, time, self._ramp_time)
+
+    def outputs(self, now: float, scale: float) -> Outputs:
+        """Return on (1) or off (0) for each relay; a tail that is being stopped has all off."""
+        result: Outputs = {}
+        for index, (joint, switch, ramp) in enumerate(zip(self._joints, self.switches, self._ramps, strict=True)):
+            drive, phase_angle = ramp.at(now)
+            if scale < 1.0:
+                switch.release(now)
+            else:
+                level = wanted_level(phase_angle, drive.amplitude / joint.stroke, drive.bias / joint.stroke)
+                switch.step(level, now)
+            self.angles[index] = switch.level * joint.stroke
+            result[joint.left] = float(switch.level == LEFT)
+            result[joint.right] = float(switch.level == RIGHT)
+        return result
+
+    def neutral(self) -> Outputs:
+        """Return all off."""
+        return {channel: 0.0 for joint in self._joints for channel in joint.channels}
+
+    def release(self, now: float) -> None:
+        """Note that all relays were switched off at ``now`` s."""
+        for switch in self.switches:
+            switch.release(now)
+        self.angles = [0.0] * len(self._joints)
+
+
+class _DriveRamp:
+    """Drive of one joint between the gait before and the one asked for; linear in amplitude, frequency and bias."""
+
+    def __init__(self) -> None:
+        self._source = self._target = JointDrive(0.0, 0.0)
+        self._start = 0.0
+        self._ramp_time = 0.0
+        self._angle = 0.0
+
+    def change(self, target: JointDrive, time: float, ramp_time: float) -> None:
+        if target == self._target:
+            return
+        now, angle = self.at(time)
+        resting = now.amplitude == 0.0
+        self._source = replace(target, amplitude=0.0, bias=now.bias) if resting else now
+        # A phase takes effect at once at a start from rest; a tail that beats shifts to it along the ramp.
+        self._angle = target.phase if resting else angle
+        self._target, self._start, self._ramp_time = target, time, ramp_time
+
+    def at(self, now: float) -> tuple[JointDrive, float]:
+        """Return the drive and the phase angle in rad at ``now`` s."""
+        elapsed = max(0.0, now - self._start)
+        part = min(1.0, elapsed / self._ramp_time) if self._ramp_time > 0.0 else 1.0
+        source, target = self._source, self._target
+        change = target.frequency - source.frequency
+        # The integral of the ramped frequency: half of the ramp counts.
+        turns = source.frequency * elapsed + change * (elapsed - self._ramp_time * (part - 0.5 * part**2))
+        angle = self._angle + 2.0 * math.pi * turns + (target.phase - source.phase) * part
+        if part == 1.0:
+            return target, angle
+        drive = replace(
+            target,
+            phase=source.phase + (target.phase - source.phase) * part,
+            amplitude=source.amplitude + (target.amplitude - source.amplitude) * part,
+            frequency=source.frequency + change * part,
+            bias=source.bias + (target.bias - source.bias) * part,
+        )
+        return drive, angle

@@ -1,0 +1,145 @@
+"""What the tail does from tick to tick: silent until armed, moving while commanded, neutral and then silent otherwise.
+
+Nothing here knows ROS, a port or a clock; the I/O thread hands in the time and sends what comes out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fin_plant.gait import smooth_step
+from fin_servo_driver.safety import CommandWatchdog
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from fin_plant.gait import Gait
+    from fin_servo_driver.set_points import Motion, Outputs
+
+
+_FADE_PART = 0.75
+"""Of the time in which the tail is stopped; in the rest it is held at neutral, so that the servo gets there."""
+
+
+class Phase(StrEnum):
+    """What the tail is doing."""
+
+    DISARMED = "disarmed"
+    SILENT = "armed, no pulses"
+    FOLLOWING = "following the gait"
+    STOPPING = "returning to neutral"
+
+
+@dataclass(frozen=True)
+class Command:
+    """A gait that was accepted.
+
+    Attributes:
+        gait: Inside all limits.
+        time: s of the monotonic clock at which it was received; from rest the gait starts then.
+    """
+
+    gait: Gait
+    time: float
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What may change while the driver runs.
+
+    Attributes:
+        command_timeout: s without a command after which the tail stops; None never, for somebody who knows why.
+        ramp_time: s in which a gait starts, stops or changes.
+    """
+
+    command_timeout: float | None
+    ramp_time: float
+
+
+class Tail:
+    """The tail's state machine.
+
+    Attributes:
+        phase: What the tail is doing.
+        timeouts: How often the commander fell silent.
+    """
+
+    def __init__(self, motion: Motion, settings: Settings) -> None:
+        """Start disarmed."""
+        self.phase = Phase.DISARMED
+        self.settings = settings
+        self.timeouts = 0
+        self._motion = motion
+        self._watchdog = CommandWatchdog()
+        self._stop_begin = 0.0
+        self._disarm_next = False
+        self._not_before = -float("inf")
+
+    def arm(self, now: float) -> None:
+        """Allow motion from the next command on."""
+        if self.phase is Phase.DISARMED:
+            self.cut(now)
+            self.phase = Phase.SILENT
+
+    def disarm(self, now: float) -> None:
+        """Lead the tail to neutral, then allow no motion."""
+        self.stop(now)
+        if self.phase is Phase.STOPPING:
+            self._disarm_next = True
+        else:
+            self.phase = Phase.DISARMED
+
+    def stop(self, now: float) -> None:
+        """Lead the tail to neutral, then fall silent."""
+        self._watchdog.forget()
+        if self.phase is Phase.FOLLOWING:
+            self.phase = Phase.STOPPING
+            self._stop_begin = now
+
+    def cut(self, now: float) -> None:
+        """Fall silent at once; commands received before ``now`` count no more."""
+        self._watchdog.forget()
+        self._motion.release(now)
+        self._not_before = now
+        if self.phase is not Phase.DISARMED:
+            self.phase = Phase.DISARMED if self._disarm_next else Phase.SILENT
+        self._disarm_next = False
+
+    def accepts(self, command: Command) -> bool:
+        """Whether the command would be followed: armed, not stopping, and received after the last cut."""
+        return self.phase in {Phase.SILENT, Phase.FOLLOWING} and command.time >= self._not_before
+
+    def command(self, command: Command, measured: Mapping[int, float]) -> bool:
+        """Follow a command if it is acceptable; a start from silence begins at neutral or at the measured positions."""
+        if not self.accepts(command):
+            return False
+        if self.phase is Phase.SILENT:
+            self._motion.restart(self.settings.ramp_time, measured)
+            self.phase = Phase.FOLLOWING
+        self._watchdog.feed(command.time)
+        self._motion.command(command.gait, command.time)
+        return True
+
+    def tick(self, now: float) -> Outputs | None:
+        """Return what to send at ``now`` s, or None while nothing may be sent."""
+        if self.phase is Phase.FOLLOWING and self._watchdog.expired(now, self.settings.command_timeout):
+            self.timeouts += 1
+            self.stop(now)
+        if self.phase is Phase.STOPPING:
+            return self._stopping(now)
+        if self.phase is Phase.FOLLOWING:
+            return self._motion.outputs(now, 1.0)
+        return None
+
+    def _stopping(self, now: float) -> Outputs | None:
+        elapsed = now - self._stop_begin
+        if not elapsed < self._motion.stop_time:
+            self.cut(now)
+            return None
+        scale = 1.0 - float(smooth_step(np.array(max(elapsed, 0.0) / (_FADE_PART * self._motion.stop_time)))[0])
+        # Never quite 1, so that a tail of relays knows that it is being stopped.
+        return self._motion.outputs(now, min(scale, 0.999))

@@ -1,0 +1,175 @@
+"""The logic of relay tails, exhaustively on a grid: never both on, dead time, on-times."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from fin_plant.gait import Gait, JointDrive
+from fin_servo_driver.relay import HIGHEST_FREQUENCY, LEFT, OFF, RIGHT, RelayMotion, RelaySwitch, wanted_level
+from fin_servo_driver.robot_file import RelayJoint, RelayTiming
+
+PERIOD = 0.01
+STROKE = math.radians(15.0)
+TIMING = RelayTiming()
+JITTER = 1e-9
+"""Rounding of the times, s."""
+
+
+def run(gait: JointDrive, seconds: float, timing: RelayTiming = TIMING, jitter: float = 0.0) -> list[tuple[float, int]]:
+    """Return the changes of level of one joint as (time, level), and the end."""
+    motion = RelayMotion([RelayJoint(1, 2, STROKE)], timing, PERIOD)
+    motion.restart(0.5, {})
+    motion.command(motion.allowed(Gait((gait,)), STROKE, 5.0), 0.0)
+    random = np.random.default_rng(3)
+    changes, level, now = [], OFF, 0.0
+    while now < seconds:
+        outputs = motion.outputs(now, 1.0)
+        assert not (outputs[1] and outputs[2]), "both on"
+        new = int(outputs[1] - outputs[2])
+        if new != level:
+            changes.append((now, new))
+            level = new
+        now += PERIOD * (1.0 + jitter * random.random()) if jitter else PERIOD
+    return [*changes, (now, level)]
+
+
+def check(changes: list[tuple[float, int]], timing: RelayTiming, tick: float) -> None:
+    """Check every rule on a record of changes."""
+    last_side, off_since = OFF, -math.inf
+    for (begin, level), (end, following) in itertools.pairwise(changes):
+        if level == OFF:
+            off_since = begin
+            continue
+        if last_side not in {OFF, level}:
+            assert begin - off_since >= timing.dead_time - JITTER
+        last_side = level
+        assert end - begin <= timing.longest_on + tick + JITTER
+        if (end, following) != changes[-1]:
+            assert following == OFF, "from one side straight to the other"
+            assert end - begin >= timing.shortest_on - JITTER
+
+
+GRID = list(
+    itertools.product(
+        (0.02, 0.1, 0.24, 0.5, 0.9, 1.7, 2.5, 3.3, 4.1, 5.0),  # Hz
+        np.linspace(0.0, 1.5, 7),  # of the stroke
+        np.linspace(-1.5, 1.5, 7),  # of the stroke
+        np.linspace(-math.pi, math.pi, 5),  # rad
+    )
+)
+
+
+@pytest.mark.parametrize(
+    "dead_time", [0.03, pytest.param(0.02, marks=pytest.mark.long), pytest.param(0.05, marks=pytest.mark.long)]
+)
+def test_every_rule_holds_on_the_whole_grid(dead_time: float) -> None:
+    timing = RelayTiming(dead_time=dead_time)
+    for frequency, amplitude, bias, phase in GRID:
+        seconds = min(max(3.0, 2.2 / frequency), 12.0)
+        gait = JointDrive(float(amplitude) * STROKE, frequency, float(phase), float(bias) * STROKE)
+        check(run(gait, seconds, timing), timing, 0.0)
+
+
+def test_the_rules_hold_when_the_ticks_are_late() -> None:
+    for frequency, amplitude, bias, phase in GRID[::11]:
+        gait = JointDrive(float(amplitude) * STROKE, frequency, float(phase), float(bias) * STROKE)
+        check(run(gait, 3.0, jitter=2.0), TIMING, 3 * PERIOD)
+
+
+@pytest.mark.parametrize("amplitude", [0.3, 0.6, 0.9])
+def test_the_duty_is_that_of_the_formula(amplitude: float) -> None:
+    changes = run(JointDrive(amplitude * STROKE, 0.5), 60.5)
+    on = sum(end - begin for (begin, level), (end, _) in itertools.pairwise(changes) if level == LEFT and begin > 0.5)
+    expected = 2.0 * math.asin(amplitude) / (2.0 * math.pi)
+    assert on / 60.0 == pytest.approx(expected, abs=0.012)  # a tick of each window
+
+
+def test_the_window_is_centred_on_the_peak() -> None:
+    changes = [(now, level) for now, level in run(JointDrive(0.7 * STROKE, 0.5), 20.0) if now > 2.0]
+    for (begin, level), (end, _) in itertools.pairwise(changes[:-1]):
+        if level == LEFT:
+            assert ((begin + end) / 2.0) % 2.0 == pytest.approx(0.5, abs=PERIOD)
+        if level == RIGHT:
+            assert ((begin + end) / 2.0) % 2.0 == pytest.approx(1.5, abs=PERIOD)
+
+
+def test_a_bias_makes_one_side_longer() -> None:
+    changes = run(JointDrive(0.5 * STROKE, 0.5, 0.0, 0.3 * STROKE), 40.0)
+    times = {
+        side: sum(end - begin for (begin, level), (end, _) in itertools.pairwise(changes) if level == side)
+        for side in (LEFT, RIGHT)
+    }
+    assert times[LEFT] > 2.0 * times[RIGHT] > 0.0
+
+
+def test_no_amplitude_means_off() -> None:
+    assert run(JointDrive(0.0, 1.0), 5.0)[:-1] == []
+
+
+def test_a_side_is_never_wanted_with_no_duty() -> None:
+    for angle in np.linspace(0.0, 2.0 * math.pi, 1001):
+        assert wanted_level(float(angle), 0.0, 0.0) == OFF
+        assert wanted_level(float(angle), 0.5, 0.5) in {OFF, LEFT}
+        assert wanted_level(float(angle), 0.5, -0.5) in {OFF, RIGHT}
+
+
+def test_a_coil_that_is_held_is_released_and_stays_so_until_it_is_wanted_anew() -> None:
+    switch = RelaySwitch(TIMING, PERIOD)
+    times = np.arange(0.0, 5.0, PERIOD)
+    levels = [switch.step(LEFT, float(now)) for now in times]
+    on = [float(now) for now, level in zip(times, levels, strict=True) if level == LEFT]
+    assert on[-1] + PERIOD - on[0] <= TIMING.longest_on + JITTER
+    assert on[-1] + PERIOD - on[0] >= TIMING.longest_on - 2 * PERIOD
+    assert switch.step(OFF, 5.0) == OFF
+    assert switch.step(LEFT, 5.01) == LEFT
+
+
+def test_operations_are_counted_on_each_side() -> None:
+    motion = RelayMotion([RelayJoint(3, 5, STROKE)], TIMING, PERIOD)
+    motion.restart(0.1, {})
+    motion.command(Gait((JointDrive(0.8 * STROKE, 1.0),)), 0.0)
+    for now in np.arange(0.0, 10.0, PERIOD):
+        motion.outputs(float(now), 1.0)
+    assert motion.operations == {3: 10, 5: 10}
+
+
+def test_a_tail_that_is_stopped_has_all_off_at_once() -> None:
+    motion = RelayMotion([RelayJoint(1, 2, STROKE)], TIMING, PERIOD)
+    motion.restart(0.0, {})
+    motion.command(Gait((JointDrive(STROKE, 0.5),)), 0.0)
+    assert any(motion.outputs(now, 1.0)[1] for now in (0.4, 0.41))
+    assert motion.outputs(0.42, 0.999) == {1: 0.0, 2: 0.0} == motion.neutral()
+
+
+def test_after_a_release_the_dead_time_holds() -> None:
+    switch = RelaySwitch(TIMING, PERIOD)
+    assert switch.step(LEFT, 0.0) == LEFT
+    switch.release(0.01)
+    assert switch.step(RIGHT, 0.02) == OFF
+    assert switch.step(RIGHT, 0.01 + TIMING.dead_time) == RIGHT
+
+
+def test_a_frequency_that_relays_cannot_follow_is_refused() -> None:
+    motion = RelayMotion([RelayJoint(1, 2, STROKE)], TIMING, PERIOD)
+    with pytest.raises(ValueError, match=r"gait frequency = 5.01 Hz is more than relays follow, at most 5 Hz"):
+        motion.allowed(Gait((JointDrive(0.1, HIGHEST_FREQUENCY + 0.01),)), STROKE, 20.0)
+
+
+def test_a_change_of_gait_keeps_the_phase_angle_continuous() -> None:
+    motion = RelayMotion([RelayJoint(1, 2, STROKE)], TIMING, PERIOD)
+    motion.restart(0.5, {})
+    ramp = motion._ramps[0]
+    before = JointDrive(0.2, 1.0, 0.3)
+    angles = []
+    motion.command(Gait((before,)), 0.0)
+    for now in np.arange(0.0, 6.0, 0.001):
+        if abs(now - 2.0005) < 0.0006:
+            motion.command(Gait((JointDrive(0.1, 3.0, -0.4),)), float(now))
+        angles.append(ramp.at(float(now))[1])
+    steps = np.diff(angles)
+    fastest = (2.0 * math.pi * 3.0 + 0.7 / 0.5) * 0.001
+    assert np.all(np.abs(steps) <= fastest + 1e-9)
