@@ -1,0 +1,183 @@
+"""What every back end offers, and the checks that they share."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+from fin_plant import checks
+from fin_servo_driver.line import LineLostError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from fin_servo_driver.line import Line
+    from fin_servo_driver.robot_file import Robot
+    from fin_servo_driver.set_points import Outputs
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """What a device reported.
+
+    Attributes:
+        positions: Measured position of each channel, in the device's unit; empty where the device measures none.
+        voltage: V.
+        temperature: Of the hottest servo, degrees Celsius.
+        fault: What the device complains about.
+    """
+
+    positions: Mapping[int, float] = field(default_factory=dict)
+    voltage: float | None = None
+    temperature: float | None = None
+    fault: str = ""
+
+
+NOTHING = Feedback()
+
+
+class LifeSign:
+    """Notices that a device has fallen silent which answers when it is asked.
+
+    Attributes:
+        every: s between two questions.
+        patience: s without an answer after which the device counts as lost.
+    """
+
+    def __init__(self, every: float, patience: float) -> None:
+        self.every = every
+        self.patience = patience
+        self._heard = self._asked = time.monotonic()
+
+    def heard(self) -> None:
+        """Note an answer."""
+        self._heard = time.monotonic()
+
+    def due(self) -> bool:
+        """Whether to ask now.
+
+        Raises:
+            LineLostError: Nothing was heard for too long.
+        """
+        now = time.monotonic()
+        if now - self._heard > self.patience:
+            msg = f"the device has fallen silent: no answer for {self.patience:g} s; has it power?"
+            raise LineLostError(msg)
+        if now - self._asked < self.every:
+            return False
+        self._asked = now
+        return True
+
+
+class Backend(ABC):
+    """A kind of device.
+
+    The order of calls is: `identify`; then any number of times `enable`, `send`..., `disable`; `read` at any time.
+    Every method may raise a DeviceError of `line`.
+    """
+
+    drives: ClassVar[Literal["servos", "relays"]]
+    unit: ClassVar[str]
+    """Of positions."""
+    channels: ClassVar[range]
+    lowest: ClassVar[float] = 0.0
+    highest: ClassVar[float] = 1.0
+    rate: ClassVar[float]
+    """Set-points a second; the device or its servos gain nothing from more."""
+    baud: ClassVar[int]
+    """Bits a second that the device has when bought."""
+    options: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, robot: Robot) -> None:
+        """Take the robot's joints.
+
+        Raises:
+            ValueError: Joints, channels, ranges or options that the device cannot have.
+        """
+        self.robot = robot
+        kind = "servos" if robot.servos else "relays"
+        if kind != self.drives:
+            msg = f"device {robot.device} drives {self.drives}, and joints describes {kind}"
+            raise ValueError(msg)
+        for number, joint in enumerate(robot.joints, start=1):
+            for channel in joint.channels:
+                self._check_channel(number, channel)
+        for number, joint in enumerate(robot.servos, start=1):
+            for name in ("lowest", "highest"):
+                value = getattr(joint, name)
+                checks.number(f"joint {number}: {name}", value, self.lowest, self.highest, unit=self.unit)
+        unknown = [name for name in robot.options if name not in self.options]
+        if unknown:
+            known = ", ".join(self.options) or "none"
+            msg = f"options has unknown {', '.join(unknown)}: {robot.device} knows {known}"
+            raise ValueError(msg)
+
+    def _check_channel(self, number: int, channel: int) -> None:
+        if channel not in self.channels:
+            first, last = self.channels[0], self.channels[-1]
+            msg = f"joint {number}: channel {channel} is not one of {self.robot.device}'s, {first} to {last}"
+            raise ValueError(msg)
+
+    @abstractmethod
+    def identify(self, line: Line) -> str:
+        """Make sure that the device is there, and return what it says of itself.
+
+        Raises:
+            WrongDeviceError: Something else answers, or nothing.
+        """
+
+    @abstractmethod
+    def enable(self, line: Line, neutral: Outputs) -> None:
+        """Make the servos hold ``neutral`` from now on."""
+
+    @abstractmethod
+    def send(self, line: Line, outputs: Outputs) -> None:
+        """Send a position to each channel."""
+
+    @abstractmethod
+    def disable(self, line: Line) -> None:
+        """Take force from the servos, or switch the relays off; must work whatever was done before."""
+
+    def read(self, line: Line) -> Feedback:
+        """Return what the device has reported since the last call, without waiting longer than a millisecond or two."""
+        line.read(0.0)
+        return NOTHING
+
+
+class RelayBackend(Backend):
+    """A board of relays: on and off for one channel at a time, sent on change."""
+
+    drives = "relays"
+    unit = "on"
+    rate = 100.0
+
+    def __init__(self, robot: Robot) -> None:
+        """Take the robot's joints."""
+        super().__init__(robot)
+        self._on: Outputs = {}
+
+    def enable(self, line: Line, neutral: Outputs) -> None:
+        """Switch all relays off: that is the neutral of a relay tail."""
+        del neutral
+        self.disable(line)
+
+    def send(self, line: Line, outputs: Outputs) -> None:
+        """Switch what has changed: first off, then on."""
+        for channel, value in sorted(outputs.items(), key=lambda item: item[1]):
+            if self._on.get(channel) != value:
+                self._on.pop(channel, None)  # not known until the frame is out
+                self.switch(line, channel, on=value > 0.0)
+                self._on[channel] = value
+
+    def disable(self, line: Line) -> None:
+        """Switch all relays of the joints off, also those that are thought to be off."""
+        self._on = {}
+        for joint in self.robot.relays:
+            for channel in joint.channels:
+                self.switch(line, channel, on=False)
+
+    @abstractmethod
+    def switch(self, line: Line, channel: int, *, on: bool) -> None:
+        """Switch one relay."""

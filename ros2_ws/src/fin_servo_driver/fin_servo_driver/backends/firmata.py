@@ -1,0 +1,172 @@
+"""Arduino boards with StandardFirmata.
+
+Frames: Firmata protocol 2.5, "servos" and "message types". The firmware goes on pulsing the last value for ever when
+the host falls silent; only a system reset (FF) stops it.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from fin_servo_driver.backends.backend import NOTHING, Backend, Feedback, LifeSign
+from fin_servo_driver.line import WrongDeviceError
+
+if TYPE_CHECKING:
+    from fin_servo_driver.line import Line
+    from fin_servo_driver.robot_file import Robot
+    from fin_servo_driver.set_points import Outputs
+
+SYSTEM_RESET = b"\xff"
+ASK_VERSION = b"\xf9"
+SERVO_MODE = 4
+LOWEST_MICROSECONDS = 544
+"""A smaller value is taken for degrees by the firmware's servo library."""
+HIGHEST_MICROSECONDS = 2400
+FIRST_PULSE = 1500
+"""us. The servo library starts a servo with this pulse before the first set-point arrives."""
+_LAST_SHORT_PIN = 15
+_VERSION = 0xF9
+_START_SYSEX, _END_SYSEX, _EXTENDED_ANALOG, _SERVO_CONFIG, _STRING = 0xF0, 0xF7, 0x6F, 0x70, 0x71
+_STATUS = 0x80
+_LONGEST_MESSAGE = 256
+# An Uno resets when its port is opened and stays in its boot loader for up to 2 s, where it must not be spoken to;
+# a board without that reset is asked for its version afterwards.
+_BOOT_SECONDS = 2.5
+_BANNER_SECONDS = 5.0
+_ASK_EVERY, _SILENCE = 1.0, 3.0
+
+
+def servo_mode(pin: int) -> bytes:
+    """Return the frame that makes a pin a servo's: ``F4 pin 04``."""
+    return bytes((0xF4, pin, SERVO_MODE))
+
+
+def servo_range(pin: int, lowest: int, highest: int) -> bytes:
+    """Return the frame that attaches a servo with its range in us: ``F0 70 pin minL minM maxL maxM F7``."""
+    return bytes((_START_SYSEX, _SERVO_CONFIG, pin, *_pair(lowest), *_pair(highest), _END_SYSEX))
+
+
+def pulse(pin: int, microseconds: int) -> bytes:
+    """Return the frame that sets a pulse width: ``E0+pin lsb msb``, pins over 15 ``F0 6F pin lsb msb F7``."""
+    if pin <= _LAST_SHORT_PIN:
+        return bytes((0xE0 | pin, *_pair(microseconds)))
+    return bytes((_START_SYSEX, _EXTENDED_ANALOG, pin, *_pair(microseconds), _END_SYSEX))
+
+
+def _pair(value: int) -> tuple[int, int]:
+    return value & 0x7F, value >> 7 & 0x7F
+
+
+class Parser:
+    """Takes the board's bytes in any portions; keeps the version and the last text. Garbage is skipped.
+
+    Attributes:
+        version: Major and minor number of the protocol, None before the banner.
+        text: Last text that the board has sent.
+    """
+
+    def __init__(self) -> None:
+        self.version: tuple[int, int] | None = None
+        self.text = ""
+        self._message = bytearray()
+
+    def feed(self, data: bytes) -> None:
+        """Take bytes."""
+        for byte in data:
+            in_sysex = self._message[:1] == bytes((_START_SYSEX,))
+            if byte >= _STATUS and not (in_sysex and byte == _END_SYSEX):
+                self._message = bytearray((byte,))
+            elif self._message and len(self._message) < _LONGEST_MESSAGE:
+                self._message.append(byte)
+                self._complete()
+
+    def _complete(self) -> None:
+        message = self._message
+        if message[0] == _VERSION and len(message) == 3:  # noqa: PLR2004 - F9 major minor
+            self.version = message[1], message[2]
+            self._message = bytearray()
+        elif message[-1] == _END_SYSEX:
+            if message[1] == _STRING:
+                pairs = zip(message[2:-1:2], message[3:-1:2], strict=False)
+                self.text = "".join(chr(low | high << 7) for low, high in pairs)
+            self._message = bytearray()
+
+
+class Firmata(Backend):
+    """The back end."""
+
+    drives = "servos"
+    unit = "us"
+    channels = range(2, 70)
+    lowest = LOWEST_MICROSECONDS
+    highest = HIGHEST_MICROSECONDS
+    rate = 50.0
+    baud = 57600
+
+    def __init__(self, robot: Robot) -> None:
+        """Take the robot's joints.
+
+        Raises:
+            ValueError: Joints that this device cannot have.
+        """
+        super().__init__(robot)
+        for number, joint in enumerate(robot.servos, start=1):
+            if not joint.lowest <= FIRST_PULSE <= joint.highest:
+                msg = (
+                    f"joint {number}: [lowest, highest] = [{joint.lowest:g}, {joint.highest:g}] us does not contain "
+                    f"{FIRST_PULSE} us, with which StandardFirmata starts every servo: turn the horn on its shaft"
+                )
+                raise ValueError(msg)
+        self._parser = Parser()
+        self._life = LifeSign(_ASK_EVERY, _SILENCE)
+
+    def identify(self, line: Line) -> str:
+        """Wait for the banner ``F9 major minor``, at most 5 s."""
+        self._parser = Parser()
+        received = bytearray()
+        start = time.monotonic()
+        asked = False
+        while (elapsed := time.monotonic() - start) < _BANNER_SECONDS:
+            if elapsed > _BOOT_SECONDS and not asked:
+                line.write(ASK_VERSION)
+                asked = True
+            data = line.read(0.05)
+            received += data
+            self._parser.feed(data)
+            if self._parser.version is not None:
+                self._life = LifeSign(_ASK_EVERY, _SILENCE)
+                return "Firmata protocol {}.{}".format(*self._parser.version)
+        got = f"{len(received)} other bytes came ({received[:8].hex(' ')} ...)" if received else "not a byte came"
+        msg = (
+            f"no Firmata banner within {_BANNER_SECONDS:g} s, {got}: load StandardFirmata onto the board, and give its "
+            f"baud rate (now {self.robot.baud or self.baud})"
+        )
+        raise WrongDeviceError(msg)
+
+    def enable(self, line: Line, neutral: Outputs) -> None:
+        """Attach the servos and send neutral in the same breath, so that neutral is the first pulse but one at most."""
+        frames = b""
+        for joint in self.robot.servos:
+            frames += servo_range(joint.channel, round(joint.lowest), round(joint.highest))
+            frames += servo_mode(joint.channel) + pulse(joint.channel, round(neutral[joint.channel]))
+        line.write(frames)
+
+    def send(self, line: Line, outputs: Outputs) -> None:
+        """Send pulse widths to all pins."""
+        line.write(b"".join(pulse(pin, round(width)) for pin, width in outputs.items()))
+
+    def disable(self, line: Line) -> None:
+        """Stop all pulses."""
+        line.write(SYSTEM_RESET)
+
+    def read(self, line: Line) -> Feedback:
+        """Return the board's texts as faults: StandardFirmata sends them for what it refuses."""
+        self._parser.text = ""
+        data = line.read(0.0)
+        if data:
+            self._life.heard()
+        self._parser.feed(data)
+        if self._life.due():
+            line.write(ASK_VERSION)
+        return Feedback(fault=self._parser.text) if self._parser.text else NOTHING

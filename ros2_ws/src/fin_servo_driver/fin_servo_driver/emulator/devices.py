@@ -1,0 +1,287 @@
+"""Devices as their makers describe them, without a port: bytes in, bytes out, and what they make their servos do."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING
+
+from fin_servo_driver.backends import dynamixel, firmata, kmtronic, lcus, maestro, modbus
+from fin_servo_driver.emulator import packets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+_LONGEST_MESSAGE = 64
+
+
+class Device(ABC):
+    """An emulated device.
+
+    Attributes:
+        outputs: What each channel does: a servo's position, None without force; 1 or 0 for a relay.
+        frames: How many frames were understood.
+    """
+
+    def __init__(self) -> None:
+        self.outputs: dict[int, float | None] = {}
+        self.frames = 0
+
+    def opened(self, now: float) -> bytes:
+        """Return what the device says when its port is opened at ``now`` s."""
+        del now
+        return b""
+
+    @abstractmethod
+    def feed(self, data: bytes, now: float) -> bytes:
+        """Take bytes at ``now`` s and return what is answered."""
+
+    def tick(self, now: float) -> None:
+        """Let time pass."""
+        del now
+
+
+class Firmata(Device):
+    """An Uno with StandardFirmata: opening the port resets it, and it goes on pulsing when the host is silent."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._message = bytearray()
+
+    def opened(self, now: float) -> bytes:
+        """Reset: all pins without pulses; then the banner."""
+        del now
+        self.outputs = {}
+        self._message = bytearray()
+        return b"\xf9\x02\x05"
+
+    def feed(self, data: bytes, now: float) -> bytes:
+        """Take bytes."""
+        del now
+        answer = b""
+        for byte in data:
+            if byte == firmata.SYSTEM_RESET[0]:
+                self.outputs = {}
+                self._message = bytearray()
+                self.frames += 1
+            elif byte == firmata.ASK_VERSION[0]:
+                answer += b"\xf9\x02\x05"
+            elif byte >= 0x80 and byte != 0xF7:  # noqa: PLR2004 - commands have the eighth bit
+                self._message = bytearray((byte,))
+            elif self._message and len(self._message) < _LONGEST_MESSAGE:
+                self._message.append(byte)
+                self._complete()
+        return answer
+
+    def _complete(self) -> None:
+        match list(self._message):
+            case [0xF4, pin, firmata.SERVO_MODE]:
+                self.outputs.setdefault(pin, float(firmata.FIRST_PULSE))
+            case [command, low, high] if command & 0xF0 == 0xE0:  # noqa: PLR2004 - the pin is in the other bits
+                self._pulse(command & 0x0F, low | high << 7)
+            case [0xF0, 0x6F, pin, low, high, 0xF7]:
+                self._pulse(pin, low | high << 7)
+            case [0xF0, 0x70, pin, _, _, _, _, 0xF7]:
+                self.outputs.setdefault(pin, float(firmata.FIRST_PULSE))
+            case [*_, 0xF7] | [0xF4, _, _]:
+                pass
+            case _:
+                return
+        self.frames += 1
+        self._message = bytearray()
+
+    def _pulse(self, pin: int, width: int) -> None:
+        if pin in self.outputs:
+            in_degrees = width < firmata.LOWEST_MICROSECONDS
+            self.outputs[pin] = 544.0 + width * 1856.0 / 180.0 if in_degrees else float(width)
+
+
+class Maestro(Device):
+    """A Maestro: pulses go on until the target is 0; its serial timeout is off, as it is bought."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._message = bytearray()
+
+    def feed(self, data: bytes, now: float) -> bytes:
+        """Take bytes."""
+        del now
+        answer = b""
+        for byte in data:
+            if byte == maestro.GET_ERRORS[0]:
+                answer += b"\x00\x00"
+            elif byte >= 0x80:  # noqa: PLR2004 - commands have the eighth bit
+                self._message = bytearray((byte,))
+            elif self._message and len(self._message) < _LONGEST_MESSAGE:
+                self._message.append(byte)
+                self._complete()
+        return answer
+
+    def _complete(self) -> None:
+        match list(self._message):
+            case [0x84, channel, low, high]:
+                self._set(channel, low | high << 7)
+            case [0x9F, count, first, *pairs] if len(pairs) == 2 * count:
+                for index in range(count):
+                    self._set(first + index, pairs[2 * index] | pairs[2 * index + 1] << 7)
+            case [0x87, _, _, _]:
+                pass
+            case _:
+                return
+        self.frames += 1
+        self._message = bytearray()
+
+    def _set(self, channel: int, quarters: int) -> None:
+        self.outputs[channel] = quarters / maestro.QUARTERS if quarters else None
+
+
+class Dynamixel(Device):
+    """A bus with Dynamixel X servos: control table, status packets, bus watchdog."""
+
+    def __init__(self, servos: list[int], present: Callable[[int], float]) -> None:
+        """Put servos on the bus; ``present`` tells where one stands, in ticks."""
+        super().__init__()
+        self.tables = {servo: bytearray(200) for servo in servos}
+        for table in self.tables.values():
+            table[dynamixel.OPERATING_MODE[0]] = dynamixel.POSITION_MODE
+            table[144:147] = (120).to_bytes(2, "little") + bytes((35,))  # 12.0 V, 35 degrees Celsius
+        self._present = present
+        self._parser = packets.Parser()
+        self._heard = 0.0
+
+    def feed(self, data: bytes, now: float) -> bytes:
+        """Take bytes."""
+        answer = b""
+        for packet in self._parser.feed(data):
+            self._heard = now
+            self.frames += 1
+            answer += self._execute(packet)
+        return answer
+
+    def tick(self, now: float) -> None:
+        """Let the bus watchdogs run."""
+        for servo, table in self.tables.items():
+            limit = table[98]
+            if 0 < limit < 128 and table[64] and now - self._heard > limit * dynamixel.WATCHDOG_UNIT:  # noqa: PLR2004
+                table[98] = 0xFF  # it holds where it is, and refuses goals until somebody writes 0
+                self.outputs[servo] = self._present(servo)
+
+    def _execute(self, packet: packets.Packet) -> bytes:
+        data = packet.parameters
+        first, second = int.from_bytes(data[:2], "little"), int.from_bytes(data[2:4], "little")
+        own = packet.servo in self.tables
+        if packet.instruction == packets.PING:
+            asked = list(self.tables) if packet.servo == packets.BROADCAST else [packet.servo] * own
+            return b"".join(self._status(servo, b"\x06\x04\x2d") for servo in asked)  # an XL430-W250
+        if packet.instruction == packets.READ and own:
+            return self._status(packet.servo, self._read(packet.servo, first, second))
+        if packet.instruction == packets.WRITE and own:
+            return self._status(packet.servo, b"", error=self._write(packet.servo, first, data[2:]))
+        if packet.instruction == packets.SYNC_READ:
+            return b"".join(self._status(s, self._read(s, first, second)) for s in data[4:] if s in self.tables)
+        if packet.instruction == packets.SYNC_WRITE:
+            for start in range(4, len(data) - second, second + 1):
+                if data[start] in self.tables:
+                    self._write(data[start], first, data[start + 1 : start + 1 + second])
+        return b""
+
+    def _status(self, servo: int, parameters: bytes, error: int = 0) -> bytes:
+        return packets.encode(servo, packets.STATUS, bytes((error,)) + parameters)
+
+    def _read(self, servo: int, address: int, length: int) -> bytes:
+        position = round(self._present(servo))
+        self.tables[servo][132:136] = position.to_bytes(4, "little", signed=True)
+        return bytes(self.tables[servo][address : address + length])
+
+    def _write(self, servo: int, address: int, data: bytes) -> int:
+        """Write to the control table; return the error number of the status packet."""
+        table = self.tables[servo]
+        tripped = table[98] >= 128  # noqa: PLR2004
+        if address == dynamixel.GOAL_POSITION[0] and tripped:
+            return 0x04
+        table[address : address + len(data)] = data
+        if address == dynamixel.TORQUE_ENABLE[0]:
+            self.outputs[servo] = self._present(servo) if data[0] else None
+        elif address == dynamixel.GOAL_POSITION[0] and table[64]:
+            self.outputs[servo] = float(int.from_bytes(data, "little", signed=True))
+        return 0
+
+
+class Lcus(Device):
+    """An LCUS board: stays in its last state, answers nothing."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._waiting = bytearray()
+
+    def feed(self, data: bytes, now: float) -> bytes:
+        """Take bytes."""
+        del now
+        self._waiting += data
+        while len(self._waiting) >= 4:  # noqa: PLR2004 - A0 channel state sum
+            channel, state = self._waiting[1], self._waiting[2]
+            if state in {0, 1} and self._waiting[:4] == lcus.switch_frame(channel, on=bool(state)):
+                self.outputs[channel] = float(state)
+                self.frames += 1
+                del self._waiting[:4]
+            else:
+                del self._waiting[:1]
+        return b""
+
+
+class Kmtronic(Device):
+    """A KMTronic board: stays in its last state, answers nothing."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._waiting = bytearray()
+
+    def feed(self, data: bytes, now: float) -> bytes:
+        """Take bytes."""
+        del now
+        self._waiting += data
+        while len(self._waiting) >= 3:  # noqa: PLR2004 - FF channel state
+            channel, state = self._waiting[1], self._waiting[2]
+            if state in {0, 1} and self._waiting[:3] == kmtronic.switch_frame(channel, on=bool(state)):
+                self.outputs[channel] = float(state)
+                self.frames += 1
+                del self._waiting[:3]
+            else:
+                del self._waiting[:1]
+        return b""
+
+
+class Modbus(Device):
+    """A Modbus RTU board with eight relays."""
+
+    def __init__(self, unit: int) -> None:
+        super().__init__()
+        self._unit = unit
+        self._waiting = bytearray()
+        self.outputs = dict.fromkeys(range(8), 0.0)
+
+    def feed(self, data: bytes, now: float) -> bytes:
+        """Take bytes."""
+        del now
+        self._waiting += data
+        answer = b""
+        while len(self._waiting) >= 8:  # noqa: PLR2004 - both requests have eight bytes
+            frame = bytes(self._waiting[:8])
+            if frame[0] != self._unit or modbus.crc16(frame[:-2]) != frame[-2:]:
+                del self._waiting[:1]
+                continue
+            del self._waiting[:8]
+            self.frames += 1
+            answer += self._execute(frame)
+        return answer
+
+    def _execute(self, frame: bytes) -> bytes:
+        coil = int.from_bytes(frame[2:4], "big")
+        if frame[1] == 0x05 and coil in self.outputs:  # noqa: PLR2004
+            self.outputs[coil] = float(frame[4] != 0)
+            return frame
+        if frame[1] == 0x01:
+            bits = sum(1 << number for number, state in self.outputs.items() if state)
+            body = bytes((self._unit, 0x01, 0x01, bits))
+            return body + modbus.crc16(body)
+        body = bytes((self._unit, frame[1] | 0x80, 0x02))
+        return body + modbus.crc16(body)

@@ -1,0 +1,130 @@
+"""An emulated device on a pseudo-terminal, which can be unplugged, fall silent or lose bytes."""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import time
+import tty
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from fin_servo_driver.emulator.devices import Device
+
+_LOOK = 0.002
+
+
+class PtyPort:
+    """A serial port with a device on its other end. ``path`` is a link, which stays the same over a replug.
+
+    Attributes:
+        path: What the driver opens.
+        device: The device.
+        drop_rate: Part of the bytes that are lost on the way, each way.
+        silent: Whether the device hears nothing and says nothing.
+        received: All bytes that came from the driver since the last replug, if `keep` was asked for.
+    """
+
+    def __init__(self, device: Device, path: Path, *, seed: int = 0, keep: bool = False) -> None:
+        """Plug the device in and start to serve it."""
+        self.device = device
+        self.path = path
+        self.drop_rate = 0.0
+        self.silent = False
+        self.received = bytearray()
+        self.on_feed: Callable[[float], None] = lambda _: None
+        self._keep = keep
+        self._random = np.random.default_rng(seed)
+        self._master: int | None = None
+        self._is_open = False
+        self._lock = threading.Lock()
+        self._ended = threading.Event()
+        self.plug()
+        self._thread = threading.Thread(target=self._serve, name="pty", daemon=True)
+        self._thread.start()
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the port is there."""
+        return self._master is not None
+
+    def plug(self) -> None:
+        """Make the port appear."""
+        with self._lock:
+            if self._master is not None:
+                return
+            master, slave = os.openpty()
+            tty.setraw(slave)
+            name = os.ttyname(slave)
+            os.close(slave)
+            os.set_blocking(master, False)
+            link = self.path.with_name(self.path.name + ".new")
+            link.unlink(missing_ok=True)
+            link.symlink_to(name)
+            link.rename(self.path)
+            self.received = bytearray()
+            self._is_open = False
+            self._master = master
+
+    def unplug(self) -> None:
+        """Make the port disappear under whoever has it open; the device loses its power."""
+        with self._lock:
+            if self._master is None:
+                return
+            self.path.unlink(missing_ok=True)
+            os.close(self._master)
+            self._master = None
+            self.device.outputs = dict.fromkeys(self.device.outputs)
+
+    def close(self) -> None:
+        """Unplug and stop serving."""
+        self._ended.set()
+        self._thread.join()
+        self.unplug()
+
+    def _serve(self) -> None:
+        while not self._ended.is_set():
+            with self._lock:
+                if self._master is not None:
+                    self._serve_once(self._master, time.monotonic())
+                self.device.tick(time.monotonic())
+            self._ended.wait(_LOOK)
+
+    def _serve_once(self, master: int, now: float) -> None:
+        """Notice that somebody opens the port, and serve what waits."""
+        poller = select.poll()
+        poller.register(master, select.POLLIN)
+        events = dict(poller.poll(0)).get(master, 0)
+        is_open = not events & select.POLLHUP
+        if is_open and not self._is_open and not self.silent:
+            self._answer(master, self.device.opened(now))
+        self._is_open = is_open
+        if events & select.POLLIN:
+            try:
+                data = os.read(master, 4096)
+            except OSError:  # the other end has just closed
+                return
+            if self._keep:
+                self.received += data
+            if not self.silent:
+                self._answer(master, self.device.feed(self._lossy(data), now))
+                self.on_feed(now)
+
+    def _answer(self, master: int, data: bytes) -> None:
+        if data:
+            try:
+                os.write(master, self._lossy(data))
+            except OSError:  # nobody reads: a full buffer, or the other end has closed
+                return
+
+    def _lossy(self, data: bytes) -> bytes:
+        if self.drop_rate <= 0.0:
+            return data
+        kept = self._random.random(len(data)) >= self.drop_rate
+        return bytes(byte for byte, keep in zip(data, kept, strict=True) if keep)
