@@ -10,7 +10,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["*.yaml", "py.typed"]},
+    package_data={NAME: ["*.yaml", "robots/*.yaml", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -26,7 +26,11 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "calibrate_servo = fin_servo_driver.calibrate_servo:main",
+            "operator = fin_servo_driver.operator:main",
+            "rehearsal = fin_servo_driver.rehearsal:main",
             "servo_driver = fin_servo_driver.servo_driver:main",
+            "velocity_estimator = fin_servo_driver.velocity_estimator:main",
         ],
     },
 )

@@ -1,0 +1,419 @@
+"""The thread that alone speaks to the device: reads the mailbox, ticks the tail, sends, listens, reconnects.
+
+The command watchdog ticks here, so that a node that hangs cannot keep the tail moving. On every way out of the thread
+the device is made safe straight through the port.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol
+
+from fin_servo_driver.backends.backend import Feedback
+from fin_servo_driver.line import DeviceError, Line, LineStalledError
+from fin_servo_driver.port import BackOff, is_present
+from fin_servo_driver.tail import Phase, Tail
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from fin_servo_driver.backends.backend import Backend
+    from fin_servo_driver.set_points import Motion, Outputs
+    from fin_servo_driver.tail import Command, Settings
+
+NEUTRAL_HOLD = 0.1
+"""s between neutral and disabled: five pulses, in which a hobby servo turns 30 degrees and more."""
+STALLED_SECONDS = 0.5
+"""s without one frame that got through, after which the line counts as lost."""
+_LATENESSES_KEPT = 1000
+_SAMPLES_KEPT = 1000
+_IDLE_LOOK = 0.05
+_JOIN_SECONDS = 10.0
+
+
+class OpenLine(Line, Protocol):
+    """A line as the port offers it."""
+
+    def is_behind(self) -> bool:
+        """Whether too many bytes wait to go out."""
+
+    def drain(self, timeout: float) -> None:
+        """Wait until everything is out, at most so many s."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+class Mailbox:
+    """Holds the newest command; a newer one takes the place of one that was not yet taken."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._command: Command | None = None
+
+    def put(self, command: Command) -> None:
+        """Leave a command."""
+        with self._lock:
+            self._command = command
+
+    def take(self) -> Command | None:
+        """Take the command out, None if there is none."""
+        with self._lock:
+            command, self._command = self._command, None
+        return command
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Joint angles at one tick.
+
+    Attributes:
+        time: s of the monotonic clock.
+        angles: rad, from the head to the tail.
+        measured: Whether the servos have reported them; otherwise they are what was sent.
+    """
+
+    time: float
+    angles: tuple[float, ...]
+    measured: bool
+
+
+@dataclass(frozen=True)
+class Health:
+    """What the thread has seen; a snapshot.
+
+    Attributes:
+        connected: Whether the device is there.
+        phase: Of the tail.
+        identity: What the device says of itself.
+        reason: Why it is not connected.
+        reconnects: How often it came back.
+        connected_since: s of the monotonic clock.
+        ticks: Set-points sent.
+        missed: Ticks that were skipped because the thread was late.
+        dropped: Set-points not sent because the line was behind or stalled.
+        limited: Set-points that a limit has changed.
+        timeouts: How often the commander fell silent.
+        voltage: V, None where it is not reported.
+        temperature: Degrees Celsius, None where it is not reported.
+        fault: What the device complains about.
+        operations: Of each relay's channel.
+    """
+
+    connected: bool = True
+    phase: Phase = Phase.DISARMED
+    identity: str = ""
+    reason: str = ""
+    reconnects: int = 0
+    connected_since: float = 0.0
+    ticks: int = 0
+    missed: int = 0
+    dropped: int = 0
+    limited: int = 0
+    timeouts: int = 0
+    voltage: float | None = None
+    temperature: float | None = None
+    fault: str = ""
+    operations: Mapping[int, int] = field(default_factory=dict)
+
+
+class IoThread:
+    """Owns the line from `start` to `close`."""
+
+    def __init__(
+        self,
+        backend: Backend,
+        motion: Motion,
+        settings: Settings,
+        open_line: Callable[[], OpenLine],
+        port: str,
+        report: Callable[[str], None],
+    ) -> None:
+        """Take what the thread works with; nothing is opened yet.
+
+        Args:
+            backend: The device.
+            motion: The tail.
+            settings: Timeout and ramp, see `set_settings`.
+            open_line: Opens the port; raises PortUnavailableError.
+            port: Its name, to see whether it is there.
+            report: Takes a text for the log.
+        """
+        self.mailbox = Mailbox()
+        self.samples: deque[Sample] = deque(maxlen=_SAMPLES_KEPT)
+        self.health = Health()
+        self._backend = backend
+        self._motion = motion
+        self._tail = Tail(motion, settings)
+        self._open_line = open_line
+        self._port = port
+        self._report = report
+        self._line: OpenLine | None = None
+        self._enabled = False
+        self._feedback = Feedback()
+        self._last_good = 0.0
+        self._back_off = BackOff()
+        self._latenesses: deque[float] = deque(maxlen=_LATENESSES_KEPT)
+        self._asked: deque[str] = deque()
+        self._wake = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="servo I/O", daemon=False)
+
+    # -- called by the node ------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Open and identify the device, then start the thread.
+
+        Raises:
+            DeviceError: Port or device are not as configured; nothing stays open.
+        """
+        self._connect()
+        self._thread.start()
+
+    def arm(self) -> None:
+        """Allow motion from the next command on."""
+        self._ask("arm")
+
+    def disarm(self) -> None:
+        """Lead the tail to neutral, then disable; `wait_for` tells when."""
+        self._ask("disarm")
+
+    def stop_tail(self) -> None:
+        """Lead the tail to neutral, then disable; the next command moves it again."""
+        self._ask("stop")
+
+    def cut(self) -> None:
+        """Send neutral and disable at once, within a tick."""
+        self._ask("cut")
+
+    def set_settings(self, settings: Settings) -> None:
+        """Change timeout and ramp; the ramp counts from the next start on."""
+        self._tail.settings = settings
+
+    def wait_for(self, phases: set[Phase], timeout: float) -> bool:
+        """Wait until the tail is in one of the phases; False if it is not after ``timeout`` s."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline and self._thread.is_alive():
+            if self.health.phase in phases and not self._asked:
+                return True
+            time.sleep(0.002)
+        return self.health.phase in phases
+
+    def latenesses(self) -> list[float]:
+        """Return how late in s the last ticks were, and forget them."""
+        kept = list(self._latenesses)
+        self._latenesses.clear()
+        return kept
+
+    def close(self) -> None:
+        """End the thread; it makes the device safe and closes the port."""
+        self._ask("quit")
+        if self._thread.is_alive():
+            self._thread.join(_JOIN_SECONDS)
+        elif self._thread.ident is None:
+            self._make_safe()
+            self._disconnect()
+
+    @property
+    def rated_operations(self) -> int:
+        """After how many operations a relay should be replaced."""
+        return self._backend.robot.timing.rated_operations
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread runs."""
+        return self._thread.is_alive()
+
+    def _ask(self, what: str) -> None:
+        self._asked.append(what)
+        self._wake.set()
+
+    # -- the thread --------------------------------------------------------------------------------------------------
+
+    def _run(self) -> None:
+        period = 1.0 / self._backend.rate
+        due = time.monotonic()
+        reason = "the driver's I/O thread has ended"
+        try:
+            while True:
+                now = time.monotonic()
+                if not self._obey(now):
+                    return
+                if self._line is None:
+                    self._reconnect(now)
+                    due = time.monotonic()
+                elif now >= due:
+                    due = self._on_time(now, due, period)
+                    self._guarded_tick(now)
+                self._publish_health()
+                self._wake.wait(max(0.0, due - time.monotonic()) if self._line else _IDLE_LOOK)
+        except Exception as error:
+            reason = f"the driver's I/O thread has failed: {error!r}"
+            self._report(reason)
+            raise
+        finally:
+            self._make_safe()
+            self._disconnect()
+            self._tail.phase = Phase.DISARMED
+            self.health = replace(self.health, connected=False, phase=Phase.DISARMED, reason=reason)
+
+    def _on_time(self, now: float, due: float, period: float) -> float:
+        """Note how late the tick is, and return when the next one is due."""
+        late = now - due
+        self._latenesses.append(late)
+        missed = int(late / period)
+        if missed and self._enabled:
+            self.health = replace(self.health, missed=self.health.missed + missed)
+        return due + (missed + 1) * period
+
+    def _obey(self, now: float) -> bool:
+        """Do what the node has asked for; return False to end."""
+        self._wake.clear()
+        while self._asked:
+            match self._asked.popleft():
+                case "arm":
+                    self._tail.arm(now)
+                case "disarm":
+                    self._tail.disarm(now)
+                case "stop":
+                    self._tail.stop(now)
+                case "cut":
+                    self._tail.cut(now)
+                    self._make_safe(hold=0.0)
+                case "quit":
+                    return False
+            self._publish_health()
+        return True
+
+    def _guarded_tick(self, now: float) -> None:
+        try:
+            self._tick(now)
+            self._last_good = now
+        except LineStalledError as error:
+            self.health = replace(self.health, dropped=self.health.dropped + 1, fault=str(error))
+            if time.monotonic() - self._last_good > STALLED_SECONDS:
+                self._lose(str(error))
+        except DeviceError as error:
+            self._lose(str(error))
+
+    def _tick(self, now: float) -> None:
+        line = self._line
+        if line is None:
+            return
+        command = self.mailbox.take()
+        if command is not None:
+            self._take(command)
+        outputs = self._tail.tick(now)
+        if outputs is None:
+            if self._enabled:
+                self._settle(line)
+        elif line.is_behind():
+            self.health = replace(self.health, dropped=self.health.dropped + 1)
+        else:
+            self._send(line, outputs)
+        self._listen(line, now)
+
+    def _take(self, command: Command) -> None:
+        measured = self._feedback.positions if self._tail.phase is Phase.SILENT else {}
+        self._tail.command(command, measured)
+
+    def _send(self, line: OpenLine, outputs: Outputs) -> None:
+        if not self._enabled:
+            self._enabled = True  # before it is: what fails half-way must be disabled again
+            self._backend.enable(line, self._motion.neutral())
+        self._backend.send(line, outputs)
+        self.health = replace(self.health, ticks=self.health.ticks + 1)
+
+    def _settle(self, line: OpenLine) -> None:
+        """Give the servo its neutral, then take its force."""
+        self._backend.send(line, self._motion.neutral())
+        line.drain(NEUTRAL_HOLD)
+        self._backend.disable(line)
+        self._enabled = False
+
+    def _listen(self, line: OpenLine, now: float) -> None:
+        self._feedback = feedback = self._backend.read(line)
+        if feedback.voltage is not None or feedback.temperature is not None:
+            self.health = replace(self.health, voltage=feedback.voltage, temperature=feedback.temperature)
+        if feedback.fault:
+            self.health = replace(self.health, fault=feedback.fault)
+        if self._tail.phase is Phase.DISARMED:
+            return
+        servos = self._backend.robot.servos
+        measured = bool(servos) and all(joint.channel in feedback.positions for joint in servos)
+        if measured:
+            angles = [joint.angle_at(feedback.positions[joint.channel]) for joint in servos]
+        else:
+            angles = self._motion.angles if self._enabled else [0.0] * self._motion.joints
+        self.samples.append(Sample(now, tuple(angles), measured))
+
+    # -- the line ----------------------------------------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        line = self._open_line()
+        try:
+            identity = self._backend.identify(line)
+        except DeviceError:
+            line.close()
+            raise
+        self._line = line
+        self._enabled = False
+        self._last_good = time.monotonic()
+        self.health = replace(
+            self.health, connected=True, identity=identity, reason="", fault="", connected_since=time.monotonic()
+        )
+
+    def _reconnect(self, now: float) -> None:
+        if not self._back_off.due(now, present=is_present(self._port)):
+            return
+        try:
+            self._connect()
+        except DeviceError as error:
+            self._back_off.failed(time.monotonic())
+            self.health = replace(self.health, reason=str(error))
+            return
+        self.mailbox.take()  # a command from before is stale
+        self._tail.cut(time.monotonic())
+        self.health = replace(self.health, reconnects=self.health.reconnects + 1)
+        self._report(f"reconnected: {self.health.identity}; the tail waits for a fresh gait")
+
+    def _lose(self, reason: str) -> None:
+        self._make_safe(hold=0.0)
+        self._disconnect()
+        self._tail.cut(time.monotonic())
+        self._back_off.restart(time.monotonic())
+        self.health = replace(self.health, connected=False, reason=reason)
+        self._report(reason)
+
+    def _make_safe(self, hold: float = NEUTRAL_HOLD) -> None:
+        """Send neutral and disable straight to the port; what fails is reported and does not stop the rest."""
+        line = self._line
+        if line is None:
+            return
+        steps: list[Callable[[], None]] = [lambda: self._backend.disable(line)]
+        if self._enabled:
+            steps = [lambda: self._backend.send(line, self._motion.neutral()), lambda: time.sleep(hold), *steps]
+        for step in steps:
+            try:
+                step()
+            except DeviceError as error:
+                self._report(f"while making the device safe: {error}")
+        line.drain(NEUTRAL_HOLD)
+        self._enabled = False
+
+    def _disconnect(self) -> None:
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+
+    def _publish_health(self) -> None:
+        operations = getattr(self._motion, "operations", {})
+        self.health = replace(
+            self.health,
+            phase=self._tail.phase,
+            limited=self._motion.limited,
+            timeouts=self._tail.timeouts,
+            operations=operations,
+        )

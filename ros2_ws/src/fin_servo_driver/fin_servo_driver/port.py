@@ -1,0 +1,185 @@
+"""The serial port: opened for us alone, bounded in time, with errors that say what to do."""
+
+from __future__ import annotations
+
+import errno
+import grp
+import os
+import re
+import stat
+import time
+from pathlib import Path
+
+import serial
+
+from fin_servo_driver.line import LineLostError, LineStalledError, PortUnavailableError
+
+WRITE_TIMEOUT = 0.05
+"""s. Three set-points of a pulse servo: a line that takes none for so long is not worth waiting for."""
+FRAMES_WAITING = 2
+"""Frames that may wait in the port's buffer; more are set-points of the past."""
+_NAME_THAT_CHANGES = re.compile(r"/dev/tty(USB|ACM)\d+")
+
+
+class SerialLine:
+    """A line of `line.Line` on a serial port, a pty, or any URL that pyserial knows."""
+
+    def __init__(self, port: str, baud: int) -> None:
+        """Open the port.
+
+        Raises:
+            PortUnavailableError: It is absent, busy or not permitted; the message says what to do.
+        """
+        self.port = port
+        self._longest_frame = 1
+        try:
+            self._serial = serial.serial_for_url(port, do_not_open=True)
+            self._serial.baudrate = baud
+            self._serial.exclusive = True
+            self._serial.timeout = 0.0
+            self._serial.write_timeout = WRITE_TIMEOUT
+            self._serial.open()
+        except (OSError, ValueError) as error:
+            raise PortUnavailableError(explain(port, error)) from error
+
+    def write(self, data: bytes) -> None:
+        """Write all bytes.
+
+        Raises:
+            LineStalledError: The port took no bytes for `WRITE_TIMEOUT`.
+            LineLostError: The port is gone.
+        """
+        self._longest_frame = max(self._longest_frame, len(data))
+        try:
+            self._serial.write(data)
+        except serial.SerialTimeoutException as error:
+            msg = f"{self.port} took no bytes for {WRITE_TIMEOUT:g} s: is the device's buffer full, or flow control on?"
+            raise LineStalledError(msg) from error
+        except OSError as error:
+            raise LineLostError(self._lost(error)) from error
+
+    def read(self, timeout: float) -> bytes:
+        """Return what has come, as soon as anything has; empty after ``timeout`` s.
+
+        Raises:
+            LineLostError: The port is gone.
+        """
+        try:
+            waiting = self._serial.in_waiting
+            if waiting or timeout <= 0.0:
+                return self._serial.read(waiting) if waiting else b""
+            self._serial.timeout = timeout
+            return self._serial.read(1) + self._serial.read(self._serial.in_waiting)
+        except OSError as error:
+            raise LineLostError(self._lost(error)) from error
+
+    def is_behind(self) -> bool:
+        """Whether so many bytes wait to go out that another set-point would be late.
+
+        Raises:
+            LineLostError: The port is gone.
+        """
+        try:
+            return bool(self._serial.out_waiting > FRAMES_WAITING * self._longest_frame)
+        except (AttributeError, NotImplementedError):
+            return False  # sockets and the like do not know
+        except OSError as error:
+            raise LineLostError(self._lost(error)) from error
+
+    def drain(self, timeout: float) -> None:
+        """Wait until everything is out, at most ``timeout`` s."""
+        deadline = time.monotonic() + timeout
+        while time.monotonic() < deadline:
+            try:
+                if not self._serial.out_waiting:
+                    return
+            except (OSError, AttributeError, NotImplementedError):
+                return
+            time.sleep(0.001)
+
+    def close(self) -> None:
+        """Close the port. One that is gone already is no error here."""
+        try:
+            self._serial.close()
+        except OSError:
+            return
+
+    def _lost(self, error: OSError) -> str:
+        return f"{self.port} was lost ({error}): is the cable in, and has the device power?"
+
+
+def explain(port: str, error: Exception) -> str:
+    """Return why a port could not be opened, and what to do."""
+    number = getattr(error, "errno", None)
+    text = str(error)
+    path = Path(port)
+    if number in {errno.ENOENT, errno.ENXIO, errno.ENODEV} or "No such file" in text:
+        return f"port {port} is absent: is the device plugged in? {available()}"
+    if number == errno.EACCES or "Permission denied" in text:
+        return f"port {port} is not permitted to you: {_permission_advice(path)}"
+    if number in {errno.EBUSY, errno.EWOULDBLOCK} or "exclusively lock" in text:
+        return f"port {port} is busy: close the other program that uses it (`fuser {port}` names it)"
+    return f"port {port} cannot be opened: {text}. {available()}"
+
+
+def _permission_advice(path: Path) -> str:
+    try:
+        status = path.stat()
+        group = grp.getgrgid(status.st_gid).gr_name
+    except (OSError, KeyError):
+        return "ask the owner of the file for read and write access"
+    if not status.st_mode & stat.S_IWGRP:
+        return f"its group {group} may not write either; `sudo chmod g+rw {path}`, or mend the udev rule"
+    return f"it belongs to the group {group}; `sudo usermod -aG {group} $USER`, then log in anew"
+
+
+def available() -> str:
+    """Return the ports of this machine as a sentence; those by id first, since their names stay."""
+    folder = Path("/dev/serial/by-id")
+    found = sorted(map(str, folder.iterdir())) if folder.is_dir() else []
+    if not found:
+        found = sorted(str(path) for path in Path("/dev").glob("tty[UA][SC][BM]*"))
+    return f"There is {', '.join(found)}." if found else "No serial device is plugged in."
+
+
+def name_warning(port: str) -> str:
+    """Return a warning for a port's name that may be another device's tomorrow, or an empty text."""
+    if _NAME_THAT_CHANGES.fullmatch(port):
+        return f"port {port} may be another device after a replug: use its name in /dev/serial/by-id"
+    return ""
+
+
+def is_present(port: str) -> bool:
+    """Whether the port's file is there; a URL always counts as there."""
+    return "://" in port or os.path.exists(port)  # noqa: PTH110 - a string that may be no path at all
+
+
+class BackOff:
+    """When to try to reconnect: after 0.2 s, then ever more slowly up to 5 s, and at once when the port comes back."""
+
+    shortest = 0.2
+    longest = 5.0
+
+    def __init__(self) -> None:
+        self._wait = self.shortest
+        self._next = 0.0
+        self._was_present = True
+
+    def restart(self, now: float) -> None:
+        """Begin anew at ``now`` s."""
+        self._wait = self.shortest
+        self._next = now + self.shortest
+        self._was_present = True
+
+    def due(self, now: float, *, present: bool) -> bool:
+        """Whether to try now; a port that has just come back is tried at once."""
+        appeared = present and not self._was_present
+        self._was_present = present
+        if appeared:
+            self._wait = self.shortest
+        return present and (appeared or now >= self._next)
+
+    def failed(self, now: float) -> None:
+        """Wait longer before the next try."""
+        self._next = now + self._wait
+        self._wait = min(2.0 * self._wait, self.longest)

@@ -1,0 +1,535 @@
+"""The servo driver node: a plant whose fish is real. Its life cycle and its states are described in docs/robot.md."""
+
+from __future__ import annotations
+
+import sys
+import time
+from enum import Enum
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
+from std_srvs.srv import SetBool, Trigger
+
+from fin_plant import node_process, topics
+from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, Fin
+from fin_plant.gait import Gait
+from fin_plant.messages import (
+    gait_from_message,
+    gait_message,
+    key_values,
+    plant_state_message,
+    time_message,
+)
+from fin_plant.node_parameters import NodeParameters
+from fin_plant.parameters import ParameterTable, Value, load_table
+from fin_plant.plant_state import PlantState, State
+from fin_servo_driver import backends, robot_file
+from fin_servo_driver.diagnosis import Counters, describe
+from fin_servo_driver.fin_instruction import instruction
+from fin_servo_driver.io_thread import IoThread
+from fin_servo_driver.line import DeviceError
+from fin_servo_driver.port import SerialLine, name_warning
+from fin_servo_driver.relay import RelayMotion
+from fin_servo_driver.set_points import ServoMotion
+from fin_servo_driver.tail import Command, Phase, Settings
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rclpy.node import Node
+    from rclpy.parameter import Parameter
+
+    from fin_servo_driver.robot_file import Robot
+    from fin_servo_driver.set_points import Motion
+
+SERVO_DRIVER_PARAMETERS = load_table("fin_servo_driver", "servo_driver_parameters.yaml")
+PARAMETERS = ParameterTable({**PLANT_PARAMETERS, **SERVO_DRIVER_PARAMETERS})
+MEASURED, COMMANDED = "measured", "commanded"
+"""What joint_states carries, as its frame_id: a joint state has no frame of its own."""
+# Longer than the tail takes to neutral, with a line that stalls on the way.
+_DISARM_SECONDS = 2.0
+# The I/O thread takes a command within a tick; after this it is known that it did not.
+_TAKE_SECONDS = 0.3
+_ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
+_EMERGENCY = "the emergency stop is latched: release it with ~/estop false"
+
+
+class Waiting(Enum):
+    """What an operator has to do, as plant_state's detail ``waiting_for``."""
+
+    FIN = "fin"
+    ARMING = "arming"
+    MARK = "mark"
+
+
+class _ManagedNode(LifecycleNode):
+    """The node; its transitions are the driver's."""
+
+    driver: ServoDriver
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Open and check the port."""
+        del state
+        return self._result("configure", self.driver.configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Arm."""
+        del state
+        return self._result("activate", self.driver.arm)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go to neutral and disarm."""
+        del state
+        return self._result("deactivate", self.driver.disarm)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the port."""
+        del state
+        return self._result("clean up", self.driver.release)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go to neutral, disarm and close the port."""
+        del state
+        return self._result("shut down", self.driver.release)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Leave everything safe; the driver can then be configured anew."""
+        del state
+        return self._result("recover", self.driver.release)
+
+    def _result(self, what: str, work: object) -> TransitionCallbackReturn:
+        """Do the work; a refusal keeps the state, anything unforeseen leads to `on_error`."""
+        try:
+            work()  # type: ignore[operator]
+        except (ValueError, DeviceError) as error:
+            self.driver.refused(what, str(error))
+            return TransitionCallbackReturn.FAILURE
+        except Exception as error:  # noqa: BLE001 - rclpy would swallow it without a word
+            self.driver.refused(what, f"unforeseen: {error!r}")
+            return TransitionCallbackReturn.ERROR
+        self.driver.publish_state()
+        return TransitionCallbackReturn.SUCCESS
+
+
+class ServoDriver:
+    """The plant: takes gaits and fins, drives the tail, says what it does."""
+
+    def __init__(self) -> None:
+        """Declare parameters, offer topics and services; the port stays closed until the node is configured.
+
+        Raises:
+            ValueError: A start parameter that is refused.
+        """
+        managed = _ManagedNode("servo_driver", namespace=topics.NAMESPACE, allow_undeclared_parameters=True)
+        managed.driver = self
+        self.node: Node = managed
+        self._log = self.node.get_logger()  # type: ignore[no-untyped-call]
+        self._parameters = NodeParameters(
+            self.node, PARAMETERS, validate=Fin.from_parameters, on_change=self._parameters_changed
+        )
+        self._values = self._parameters.values
+        self.node.add_post_set_parameters_callback(self._fin_was_set)
+        self._io: IoThread | None = None
+        self._motion: Motion | None = None
+        self._failure = "the driver is not configured"
+        self._armed = False
+        self._emergency = False
+        self._mounted: Mapping[str, Value] | None = None
+        self._reset_asked = False
+        self._stop_reason = ""
+        self._swimming_since: int | None = None
+        self._sent: Command | None = None
+        self._followed = False
+        self._applied = Gait.from_rows([[0.0, 0.0, 0.0, 0.0]])
+        self._counters = Counters()
+        self._stamp = 0
+        self._published: tuple[object, ...] = ()
+        self._offer()
+        self.publish_state()
+
+    def _offer(self) -> None:
+        node = self.node
+        offered = (topics.JOINT_STATES, topics.PLANT_STATE, topics.GAIT_APPLIED, topics.DIAGNOSTICS)
+        self._joint_states, self._state_topic, self._gait_applied, self._diagnostics = (
+            node.create_publisher(topic.type, topic.name, topic.qos) for topic in offered
+        )
+        node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
+        node.create_service(Trigger, f"~/{topics.RESET_SERVICE}", self._on_reset)
+        node.create_service(Trigger, f"~/{topics.CONFIRM_FIN_SERVICE}", self._on_confirm_fin)
+        node.create_service(SetBool, f"~/{topics.EMERGENCY_STOP_SERVICE}", self._on_emergency_stop)
+        node.create_timer(1.0, self._publish_diagnostics)
+
+    # -- life cycle --------------------------------------------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Read the robot file, open the port and make sure of the device.
+
+        Raises:
+            ValueError: The robot file is refused.
+            DeviceError: Port or device are not as configured.
+        """
+        robot = robot_file.load(robot_file.find(self._text("robot_file")))
+        backend = backends.make(robot)
+        port = self._text("port") or robot.port
+        if not port:
+            msg = "no port: give it in the robot file or as parameter port"
+            raise ValueError(msg)
+        if warning := name_warning(port):
+            self._log.warning(warning)
+        period = 1.0 / backend.rate
+        self._motion = _motion(robot, period)
+        baud = robot.baud or backend.baud
+        self._io = IoThread(
+            backend, self._motion, self._settings(), lambda: SerialLine(port, baud), port, self._log.warning
+        )
+        try:
+            self._io.start()
+        except DeviceError:
+            self._io = None
+            raise
+        self._failure = ""
+        self._rest()
+        self._log.info(f"{port}: {self._io.health.identity}")
+
+    def arm(self) -> None:
+        """Allow motion.
+
+        Raises:
+            DeviceError: The emergency stop is latched, or the device is not there.
+        """
+        io = self._need_io()
+        if self._emergency:
+            raise DeviceError(_EMERGENCY)
+        if not io.health.connected:
+            raise DeviceError(io.health.reason)
+        if self._values["watchdog.disabled_knowingly"]:
+            self._log.warning("the command watchdog is OFF: stay at the power switch")
+        io.arm()
+        io.wait_for({Phase.SILENT, Phase.FOLLOWING}, _DISARM_SECONDS)
+        self._armed = True
+
+    def disarm(self) -> None:
+        """Lead the tail to neutral and disable the device.
+
+        Raises:
+            DeviceError: That was not confirmed in time.
+        """
+        self._armed = False
+        self._rest("the driver was deactivated")
+        io = self._need_io()
+        io.disarm()
+        if not io.wait_for({Phase.DISARMED}, _DISARM_SECONDS):
+            io.cut()
+            msg = "the tail did not reach neutral in time; its device was told to disable"
+            raise DeviceError(msg)
+
+    def release(self) -> None:
+        """Make the device safe and close the port."""
+        self._armed = False
+        if self._io is not None:
+            self._io.disarm()
+            self._io.wait_for({Phase.DISARMED}, _DISARM_SECONDS)
+            self._io.close()
+            self._io = None
+        self._failure = "the driver is not configured"
+        self._rest()
+
+    def refused(self, what: str, reason: str) -> None:
+        """Note why a transition was refused."""
+        self._log.error(f"cannot {what}: {reason}")
+        if self._io is None:
+            self._failure = f"cannot {what}: {reason}"
+        self.publish_state()
+
+    def _need_io(self) -> IoThread:
+        if self._io is None:
+            raise DeviceError(self._failure)
+        return self._io
+
+    def _text(self, name: str) -> str:
+        return cast("str", self._values[name])
+
+    def _number(self, name: str) -> float:
+        return cast("float", self._values[name])
+
+    def _settings(self) -> Settings:
+        forever = bool(self._values["watchdog.disabled_knowingly"])
+        return Settings(None if forever else self._number("command_timeout"), self._number("drive.ramp_time"))
+
+    # -- state -------------------------------------------------------------------------------------------------------
+
+    def _fault(self) -> str:
+        """Return what is wrong, or an empty text."""
+        if self._emergency:
+            return _EMERGENCY
+        if self._io is None:
+            return self._failure
+        if not self._io.health.connected:
+            return self._io.health.reason or "the device is not connected"
+        return ""
+
+    def _state(self) -> tuple[State, str, Waiting | None]:
+        """Return the state, its reason, and what an operator has to do."""
+        if fault := self._fault():
+            return State.FAULT, fault, None
+        if not self._fin_is_mounted():
+            fin = instruction(Fin.from_parameters(self._values))
+            return State.WAITING_FOR_FIN, f"mount the fin: {fin}", Waiting.FIN
+        if not self._armed:
+            reason = "the driver is not armed: hands off the tail, then activate it"
+            return State.WAITING_FOR_RESET, reason, Waiting.ARMING
+        if self._reset_asked:
+            return State.WAITING_FOR_RESET, "bring the fish back to its mark, then call reset again", Waiting.MARK
+        if self._swimming_since is not None:
+            return State.SWIMMING, "", None
+        return State.READY, self._stop_reason, None
+
+    def _fin_is_mounted(self) -> bool:
+        return self._mounted is not None and all(self._mounted[name] == self._values[name] for name in FIN_PARAMETERS)
+
+    def publish_state(self, *, anew: bool = False) -> None:
+        """Publish the state if it has changed, or in any case with a stamp of its own."""
+        state, reason, waiting = self._state()
+        key = (state, reason, waiting, self._swimming_since)
+        if key == self._published and not anew:
+            return
+        self._published = key
+        begun = self._swimming_since if state is State.SWIMMING and not anew else None
+        self._stamp = max(self._stamp + 1, begun or time.time_ns())
+        details = {"waiting_for": waiting.value if waiting else ""}
+        if waiting is Waiting.FIN:
+            details |= {f"wanted.{name}": _as_text(self._values[name]) for name in FIN_PARAMETERS}
+        mounted = {name: _as_text(value) for name, value in (self._mounted or {}).items()}
+        plant_state = PlantState(state, self._text("plant"), self._stamp, reason, mounted, details)
+        self._state_topic.publish(plant_state_message(plant_state))
+
+    def _rest(self, reason: str = "") -> None:
+        """Note that the tail swims no more."""
+        self._swimming_since = None
+        self._sent = None
+        self._followed = False
+        self._stop_reason = reason
+        if self._motion is None:
+            return
+        rows = np.zeros((self._motion.joints, 4))
+        if len(self._applied.joints) == self._motion.joints:
+            rows[:, 1:3] = self._applied.rows()[:, 1:3]
+        self._apply(Gait.from_rows(rows))
+
+    def _apply(self, gait: Gait) -> None:
+        self._applied = gait
+        self._gait_applied.publish(gait_message(gait.rows()))
+
+    def _parameters_changed(self, values: Mapping[str, Value]) -> None:
+        self._values = dict(values)
+        if self._io is not None:
+            self._io.set_settings(self._settings())
+            if not self._fin_is_mounted():
+                self._io.stop_tail()
+        if not self._fin_is_mounted():
+            self._rest()
+        self.publish_state(anew=True)
+
+    def _fin_was_set(self, parameters: list[Parameter]) -> None:
+        """Begin a trial: what an earlier one waited for is asked for anew, so that its answer cannot count twice."""
+        if self._reset_asked and any(parameter.name in FIN_PARAMETERS for parameter in parameters):
+            self._reset_asked = False
+            self.publish_state(anew=True)
+
+    # -- callbacks ---------------------------------------------------------------------------------------------------
+
+    def _on_gait(self, message: Float64MultiArray) -> None:
+        now, stamp = time.monotonic(), time.time_ns()
+        try:
+            gait = self._accepted(gait_from_message(message))
+        except (ValueError, DeviceError) as error:
+            self._counters.refuse(str(error))
+            self._log.warning(f"gait refused: {error}", throttle_duration_sec=1.0)
+            return
+        if gait is None:
+            return
+        command = Command(gait, now)
+        self._need_io().mailbox.put(command)
+        self._sent = command
+        if gait.moves and self._swimming_since is None:
+            self._swimming_since = stamp
+        elif not gait.moves:
+            self._swimming_since = None
+        self._stop_reason = ""
+        self.publish_state()
+        if gait != self._applied:
+            self._apply(gait)
+
+    def _accepted(self, gait: Gait) -> Gait | None:
+        """Return the gait inside the limits; None for a still one that comes while nothing moves anyway.
+
+        Raises:
+            ValueError: The gait cannot be driven, or not now.
+            DeviceError: There is no device.
+        """
+        io, motion = self._need_io(), self._motion
+        if motion is None:
+            raise DeviceError(self._failure)
+        limited = motion.allowed(gait, self._number("limits.sweep"), self._number("limits.frequency"))
+        self._counters.clamp(changed=limited != gait)
+        state, reason, _ = self._state()
+        if state not in {State.READY, State.SWIMMING}:
+            if not limited.moves:
+                return None
+            msg = f"the plant is in {state}: {reason}"
+            raise ValueError(msg)
+        if io.health.phase is Phase.STOPPING:
+            msg = "the tail is on its way to neutral: send the gait again"
+            raise ValueError(msg)
+        return limited
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        state, reason, waiting = self._state()
+        if state in {State.FAULT, State.WAITING_FOR_FIN} or (waiting is Waiting.ARMING and self._reset_asked):
+            response.success, response.message = False, reason
+            return response
+        if self._reset_asked:
+            self._reset_asked = False
+            response.message = "the fish is at its mark"
+        else:
+            self._reset_asked = True
+            if self._io is not None:
+                self._io.stop_tail()
+            self._rest()
+            response.message = "bring the fish back to its mark, then call reset again"
+        self.publish_state(anew=True)
+        response.success = True
+        return response
+
+    def _on_confirm_fin(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        state, reason, _ = self._state()
+        response.success = state is State.WAITING_FOR_FIN
+        if response.success:
+            self._mounted = {name: self._values[name] for name in FIN_PARAMETERS}
+            response.message = "the fin is mounted"
+            self.publish_state(anew=True)
+        else:
+            response.message = f"no fin is waited for, the plant is in {state}: {reason}"
+        return response
+
+    def _on_emergency_stop(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if request.data:
+            if self._io is not None:
+                self._io.cut()
+            self._emergency = True
+            self._rest()
+            response.message = "stopped; latched until ~/estop false"
+            self._log.error("emergency stop")
+        elif self._emergency:
+            self._emergency = False
+            self._reset_asked = True
+            response.message = "released; the fish is expected back at its mark"
+        else:
+            response.message = "the emergency stop was not latched"
+        response.success = True
+        self.publish_state(anew=True)
+        return response
+
+    # -- work --------------------------------------------------------------------------------------------------------
+
+    def step(self) -> float:
+        """Publish what the I/O thread has seen; return how long the executor may wait."""
+        if self._io is None:
+            return _IDLE_LOOK
+        self._publish_joint_states(self._io)
+        self._follow_phase(self._io)
+        self.publish_state()
+        return _ACTIVE_LOOK if self._armed else _IDLE_LOOK
+
+    def _follow_phase(self, io: IoThread) -> None:
+        """Notice that the tail has stopped by itself: the commander fell silent, or the device was lost."""
+        if self._sent is None:
+            return
+        following = io.health.phase is Phase.FOLLOWING
+        self._followed = self._followed or following
+        overdue = time.monotonic() - self._sent.time > _TAKE_SECONDS
+        if following or not (self._followed or overdue):
+            return
+        swam = self._swimming_since is not None
+        connected = io.health.connected
+        reason = "no fresh gait within command_timeout: the tail returned to neutral" if swam and connected else ""
+        if reason:
+            self._log.warning(reason)
+        self._rest(reason)
+
+    def _publish_joint_states(self, io: IoThread) -> None:
+        if not io.samples:
+            return
+        offset = time.time_ns() - time.monotonic_ns()
+        names = [f"tail_joint_{number + 1}" for number in range(len(io.samples[0].angles))]
+        while io.samples:
+            sample = io.samples.popleft()
+            message = JointState(name=names, position=sample.angles)
+            message.header.stamp = time_message(round(sample.time * 1e9) + offset)
+            message.header.frame_id = MEASURED if sample.measured else COMMANDED
+            self._joint_states.publish(message)
+
+    def finished(self) -> int | None:
+        """Return None: a plant runs until it is stopped."""
+        return None
+
+    def close(self) -> None:
+        """Make the device safe, straight to the port."""
+        if self._io is not None:
+            self._io.close()
+            self._io = None
+
+    def _publish_diagnostics(self) -> None:
+        state, reason, _ = self._state()
+        levels = dict.fromkeys((State.READY, State.SWIMMING), DiagnosticStatus.OK)
+        levels[State.FAULT] = DiagnosticStatus.ERROR
+        name = self.node.get_fully_qualified_name()
+        plant = DiagnosticStatus(
+            level=levels.get(state, DiagnosticStatus.WARN),
+            name=f"{name}: plant",
+            message=reason or state.value,
+            hardware_id=self._text("plant"),
+            values=key_values({"state": state.value, **self._counters.values()}),
+        )
+        statuses = [plant]
+        if self._io is not None:
+            forever = bool(self._values["watchdog.disabled_knowingly"])
+            rated = self._io.rated_operations
+            level, text, values = describe(
+                self._io.health, self._io.latenesses(), rated_operations=rated, watchdog_off=forever
+            )
+            statuses.append(
+                DiagnosticStatus(
+                    level=bytes((level,)),
+                    name=f"{name}: device",
+                    message=text,
+                    hardware_id=self._io.health.identity,
+                    values=key_values(values),
+                )
+            )
+        message = DiagnosticArray(status=statuses)
+        message.header.stamp = time_message(time.time_ns())
+        self._diagnostics.publish(message)
+
+
+def _motion(robot: Robot, period: float) -> Motion:
+    if robot.relays:
+        return RelayMotion(robot.relays, robot.timing, period)
+    return ServoMotion(robot.servos, period)
+
+
+def _as_text(value: Value) -> str:
+    return value if isinstance(value, str) else repr(value)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the servo driver node."""
+    return node_process.run(ServoDriver, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
