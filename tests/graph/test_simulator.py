@@ -113,6 +113,15 @@ def test_a_bad_parameter_is_refused_with_its_name_value_and_range_and_nothing_ch
     assert client.state() == before
 
 
+def test_a_modulus_is_taken_as_people_type_it(start: Callable[..., Any], client: PlantClient) -> None:
+    start_simulator(start)
+    client.wait_for_state(State.READY)
+    for typed in (2_000_000_000, "2.1e9"):  # what `ros2 param set` makes of 2000000000 and of 2.1e9
+        assert client.set_parameters({"fin.young_modulus": typed}).successful
+        assert client.get_parameter("fin.young_modulus") == float(typed)
+    assert not client.set_parameters({"fin.young_modulus": "stiff"}).successful
+
+
 def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: PlantClient) -> None:
     start_simulator(start)
     before = client.wait_for_state(State.READY)

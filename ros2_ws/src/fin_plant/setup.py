@@ -22,7 +22,7 @@ setup(
     zip_safe=False,
     maintainer="Fin maintainers",
     maintainer_email="maintainers@users.noreply.example",
-    description="What a simulated and a real robotic fish have in common: fin, gait, parameters, topics and their messages.",
+    description="What a simulated and a real robotic fish have in common: fin, gait, parameters, topics, messages.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [],

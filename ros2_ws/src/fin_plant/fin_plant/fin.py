@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
-from typing import TYPE_CHECKING, Literal, cast
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Literal
 
+from fin_plant import checks
 from fin_plant.parameters import ParameterTable, Value, load_table
 
 if TYPE_CHECKING:
@@ -13,11 +15,12 @@ if TYPE_CHECKING:
 PLANT_PARAMETERS: ParameterTable = load_table("fin_plant", "plant_parameters.yaml")
 FIN_PARAMETERS: ParameterTable = PLANT_PARAMETERS.group("fin")
 
+SHAPES = {"rectangular": 1.0, "flaring": 3.0, "tapered": 1.0 / 3.0}
+"""Named fins: height at the tip over height at the root. A fin that triples is a delta that a servo can still hold."""
+
+_DEFAULTS: dict[str, Any] = {name.removeprefix("fin."): entry.default for name, entry in FIN_PARAMETERS.items()}
+
 Hinges = Literal["between", "midpoint"]
-
-
-def _default(name: str) -> Value:
-    return FIN_PARAMETERS[f"fin.{name}"].default
 
 
 @dataclass(frozen=True)
@@ -31,15 +34,15 @@ class Fin:
         ValueError: A value outside its range, or a fin thicker than long or than high.
     """
 
-    young_modulus: float = cast("float", _default("young_modulus"))
-    length: float = cast("float", _default("length"))
-    height: float = cast("float", _default("height"))
-    tip_height: float = cast("float", _default("tip_height"))
-    thickness: float = cast("float", _default("thickness"))
-    density: float = cast("float", _default("density"))
-    segments: int = cast("int", _default("segments"))
-    hinges: Hinges = cast("Hinges", _default("hinges"))
-    damping_time: float = cast("float", _default("damping_time"))
+    young_modulus: float = _DEFAULTS["young_modulus"]
+    length: float = _DEFAULTS["length"]
+    height: float = _DEFAULTS["height"]
+    tip_height: float = _DEFAULTS["tip_height"]
+    thickness: float = _DEFAULTS["thickness"]
+    density: float = _DEFAULTS["density"]
+    segments: int = _DEFAULTS["segments"]
+    hinges: Hinges = _DEFAULTS["hinges"]
+    damping_time: float = _DEFAULTS["damping_time"]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -73,9 +76,31 @@ class Fin:
         segment = self.length / self.segments
         return self.young_modulus * self.height_at(position) * self.thickness**3 / (12.0 * segment)
 
+    def with_area(self, area: float) -> Fin:
+        """Return the fin with all heights scaled so that its side area is ``area`` m^2.
+
+        Raises:
+            ValueError: An area that asks for heights outside their range.
+        """
+        checks.number("fin area", area, 0.0, unit="m^2", exclusive_minimum=True)
+        factor = area / self.area
+        return replace(self, height=factor * self.height, tip_height=factor * self.tip_height)
+
+    def shaped(self, shape: str) -> Fin:
+        """Return the fin of the same length and area with straight edges of a named shape, see `SHAPES`.
+
+        Raises:
+            ValueError: An unknown shape, or heights outside their range.
+        """
+        ratio = SHAPES[checks.choice("shape", shape, SHAPES)]
+        root = 2.0 * self.area / (self.length * (1.0 + ratio))
+        own = {field.name: getattr(self, field.name) for field in fields(Fin)}
+        return Fin(**{**own, "height": root, "tip_height": ratio * root})
+
     def as_parameters(self) -> dict[str, Value]:
         """Return the fin as the plant's parameters."""
-        return {f"fin.{name}": value for name, value in asdict(self).items()}
+        values = asdict(self).items()
+        return {f"fin.{name}": list(value) if isinstance(value, tuple) else value for name, value in values}
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, object]) -> Fin:
@@ -85,5 +110,79 @@ class Fin:
             ValueError: An unknown ``fin.`` name or a value that is refused.
         """
         own = {name: value for name, value in values.items() if name.startswith("fin.")}
-        checked = FIN_PARAMETERS.checked(own)
-        return cls(**{name.removeprefix("fin."): value for name, value in checked.items()})  # type: ignore[arg-type]
+        checked = {name.removeprefix("fin."): value for name, value in FIN_PARAMETERS.checked(own).items()}
+        profile = {name: checked.pop(name) for name in ("profile_position", "profile_height")}
+        if any(profile.values()):
+            return ProfiledFin(**checked, **{name: tuple(heights) for name, heights in profile.items()})  # type: ignore[arg-type]
+        return Fin(**checked)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class ProfiledFin(Fin):
+    """A fin whose height changes piecewise linearly through further points between root and tip.
+
+    Attributes:
+        profile_position: Where the points lie, fraction of the length behind the root, rising, between 0 and 1.
+        profile_height: Height at each of them, m.
+
+    Raises:
+        ValueError: As for `Fin`; or no point, arrays of different lengths, positions that do not rise.
+    """
+
+    profile_position: tuple[float, ...] = ()
+    profile_height: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positions, heights = tuple(self.profile_position), tuple(self.profile_height)
+        if len(positions) != len(heights) or not positions:
+            msg = (
+                f"fin.profile_position has {len(positions)} entries and fin.profile_height {len(heights)}: "
+                "give one height for each position, or neither"
+            )
+            raise ValueError(msg)
+        rising = (0.0, *positions, 1.0)
+        if any(after <= before for before, after in pairwise(rising)):
+            msg = f"fin.profile_position = {list(positions)} must rise from above 0 to below 1"
+            raise ValueError(msg)
+        object.__setattr__(self, "profile_position", positions)
+        object.__setattr__(self, "profile_height", heights)
+
+    @property
+    def _stations(self) -> list[tuple[float, float]]:
+        inner = zip(self.profile_position, self.profile_height, strict=True)
+        return [(0.0, self.height), *inner, (1.0, self.tip_height)]
+
+    @property
+    def area(self) -> float:
+        """Side area of the fin in m^2."""
+        return sum(0.5 * (d + e) * (b - a) * self.length for (a, d), (b, e) in pairwise(self._stations))
+
+    def height_at(self, position: float) -> float:
+        """Return the height in m at ``position`` m behind the fin's root."""
+        fraction = min(max(position / self.length, 0.0), 1.0)
+        for (before, low), (after, high) in pairwise(self._stations):
+            if fraction <= after:
+                share = (fraction - before) / (after - before)
+                return low * (1.0 - share) + high * share
+        return self.tip_height
+
+    def points_between(self, start: float, end: float) -> tuple[tuple[float, float], ...]:
+        """Return distance in m behind the root, and height, of the profile's points inside (start, end) m."""
+        points = ((self.length * at, d) for at, d in zip(self.profile_position, self.profile_height, strict=True))
+        return tuple((distance, height) for distance, height in points if start < distance < end)
+
+    def with_area(self, area: float) -> ProfiledFin:
+        """Return the fin with all heights scaled so that its side area is ``area`` m^2.
+
+        Raises:
+            ValueError: An area that asks for heights outside their range.
+        """
+        checks.number("fin area", area, 0.0, unit="m^2", exclusive_minimum=True)
+        factor = area / self.area
+        return replace(
+            self,
+            height=factor * self.height,
+            tip_height=factor * self.tip_height,
+            profile_height=tuple(factor * height for height in self.profile_height),
+        )

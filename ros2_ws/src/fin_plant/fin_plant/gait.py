@@ -141,9 +141,7 @@ def sub_carangiform(amplitude: float, frequency: float, joints: int = 2, lag: fl
     """
     checks.whole_number("driven joints of a sub-carangiform gait", joints, 2, 3)
     rising = _SUB_CARANGIFORM_AMPLITUDES[joints]
-    return Gait(
-        tuple(JointDrive(part * amplitude, frequency, phase=-lag * index) for index, part in enumerate(rising))
-    )
+    return Gait(tuple(JointDrive(part * amplitude, frequency, phase=-lag * index) for index, part in enumerate(rising)))
 
 
 def gait_preset(name: str, joints: int, amplitude: float, frequency: float) -> Gait:

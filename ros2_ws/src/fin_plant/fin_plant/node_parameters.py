@@ -24,6 +24,7 @@ _TYPES = {
     "double_array": RosParameter.Type.DOUBLE_ARRAY,
     "string_array": RosParameter.Type.STRING_ARRAY,
 }
+_NUMBER_LIKE = (RosParameter.Type.INTEGER, RosParameter.Type.STRING)
 # Declared by rclpy itself on every node.
 _OWN_BY_RCLPY = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
@@ -97,14 +98,17 @@ class NodeParameters:
         return dict(self._values)
 
     def _convert(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Take a whole number for a double: `ros2 param set` sends 2000000000 as an integer."""
-        doubles = {name for name, parameter in self._table.items() if parameter.kind == "double"}
-        return [
-            RosParameter(p.name, RosParameter.Type.DOUBLE, float(p.value))
-            if p.name in doubles and p.type_ == RosParameter.Type.INTEGER
-            else p
-            for p in parameters
-        ]
+        """Take what people type for a double: `ros2 param set` sends 2000000000 as an integer and 2.0e9 as a text."""
+        return [self._as_double(parameter) for parameter in parameters]
+
+    def _as_double(self, parameter: RosParameter) -> RosParameter:
+        known = self._table.get(parameter.name)
+        if known is None or known.kind != "double" or parameter.type_ not in _NUMBER_LIKE:
+            return parameter
+        try:
+            return RosParameter(parameter.name, RosParameter.Type.DOUBLE, float(parameter.value))
+        except ValueError:
+            return parameter
 
     def _merged(self, parameters: list[RosParameter]) -> dict[str, Value]:
         changes = {p.name: p.value for p in parameters if not p.name.startswith(_OWN_BY_RCLPY)}
