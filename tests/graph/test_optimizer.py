@@ -175,7 +175,7 @@ def test_an_optimiser_that_is_stopped_switches_the_gait_off(start: Start, folder
 
 
 def test_without_a_plant_the_trial_fails_and_names_the_topic(start: Start, folder: Path) -> None:
-    optimizer = start_optimizer(start, folder, "timeout.plant:=0.5", "failures_in_a_row:=3")
+    optimizer = start_optimizer(start, folder, "timeout.find:=0.5", "failures_in_a_row:=3")
     assert optimizer.wait(60) == 1
     assert [row["outcome"] for row in table(folder)] == ["FAILED"] * 3
     assert len({row[MODULUS] for row in table(folder)}) == 2, "one repetition of a fin, then the next one"
@@ -185,7 +185,7 @@ def test_without_a_plant_the_trial_fails_and_names_the_topic(start: Start, folde
 
 def test_a_plant_without_services_fails_the_trial_and_names_them(start: Start, folder: Path, ros_domain: int) -> None:
     with StubPlant(ros_domain):
-        optimizer = start_optimizer(start, folder, "timeout.plant:=1.0", "failures_in_a_row:=1")
+        optimizer = start_optimizer(start, folder, "timeout.find:=1.0", "failures_in_a_row:=1")
         assert optimizer.wait(60) == 1
     expected = "service /fish/stub/set_parameters_atomically and /fish/stub/reset missing"
     assert expected in table(folder)[0]["reason"]
@@ -209,7 +209,7 @@ def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, 
     start_node(start, "fin_sim", "simulator").wait_for_output("kernel ready")
     with StubPlant(ros_domain, fin_refusal=""):
         optimizer = start_optimizer(
-            start, folder, "timeout.plant:=2.0", "failures_in_a_row:=2", "attempts:=10", "trials:=1"
+            start, folder, "timeout.find:=2.0", "failures_in_a_row:=2", "attempts:=10", "trials:=1"
         )
         optimizer.wait(60)
     assert "has 2 publishers (/fish/simulator, /fish/stub)" in optimizer.output()

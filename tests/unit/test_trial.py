@@ -20,7 +20,7 @@ SECOND = 1_000_000_000
 FIN: dict[str, Value] = {"fin.young_modulus": 1.5e9, "fin.segments": 3, "fin.hinges": "between"}
 SHOWN = {name: value if isinstance(value, str) else repr(value) for name, value in FIN.items()}
 OTHER_FIN = {**SHOWN, "fin.young_modulus": "1200000000.0"}
-TIMEOUTS = Timeouts(plant=10.0, reply=20.0, silence=5.0, people=0.0)
+TIMEOUTS = Timeouts(find=30.0, plant=10.0, reply=20.0, silence=5.0, people=0.0)
 OK = Result(Outcome.OK, score=0.02, samples=1000)
 
 
@@ -137,7 +137,7 @@ def test_one_velocity_short_of_the_windows_end_is_not_enough() -> None:
 
 # Phase, how long it is waited, and what the reason must name.
 SILENT_PLANT = [
-    ("find the plant", 10.0, "nobody publishes topic /fish/plant_state"),
+    ("find the plant", 30.0, "nobody publishes topic /fish/plant_state"),
     ("wait until it is at rest", 10.0, "topic /fish/plant_state says SWIMMING"),
     ("set the fin", 20.0, "no answer from service /fish/simulator/set_parameters_atomically"),
     ("wait for the fin", 10.0, "the fin mounted has fin.young_modulus = 1200000000.0 instead of 1500000000.0"),
@@ -292,7 +292,7 @@ def test_two_plants_in_one_namespace_are_refused_by_name() -> None:
     rehearsal = Rehearsal()
     rehearsal.seen.plants = ("/fish/servo_driver", "/fish/simulator")
     rehearsal.update()
-    rehearsal.update(10.1)
+    rehearsal.update(30.1)
     assert "has 2 publishers (/fish/servo_driver, /fish/simulator): leave only one plant" in rehearsal.failure
 
 
@@ -310,7 +310,7 @@ def test_a_missing_service_is_named() -> None:
     rehearsal.seen.plants = ("/fish/simulator",)
     rehearsal.seen.missing_services = ("/fish/simulator/reset",)
     rehearsal.update()
-    rehearsal.update(10.1)
+    rehearsal.update(30.1)
     assert "service /fish/simulator/reset missing" in rehearsal.failure
 
 
@@ -348,7 +348,7 @@ def test_a_result_that_contradicts_itself_is_refused(arguments: dict[str, object
         Result(**arguments)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("name", ["plant", "reply", "silence"])
+@pytest.mark.parametrize("name", ["find", "plant", "reply", "silence"])
 def test_a_timeout_of_zero_is_refused_where_it_would_fail_every_trial(name: str) -> None:
     with pytest.raises(ValueError, match=f"timeout.{name} = 0 s"):
         Timeouts(**{name: 0.0})

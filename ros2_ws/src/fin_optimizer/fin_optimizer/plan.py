@@ -46,7 +46,8 @@ class Plan:
         self.measurement = Measurement(
             self.number("measurement.settle"), self.number("measurement.duration"), block=1.0 / frequency
         )
-        self.timeouts = Timeouts(*(self.number(f"timeout.{name}") for name in ("plant", "reply", "silence", "people")))
+        names = ("find", "plant", "reply", "silence", "people")
+        self.timeouts = Timeouts(**{name: self.number(f"timeout.{name}") for name in names})
         details = {n: v for n, v in values.items() if n.startswith(_DECISIVE) and n not in space.names}
         self.settings = Settings(
             space, Policy(self.count("repeats"), self.count("attempts")), {"search": "hill climber", **details}

@@ -143,19 +143,21 @@ class Timeouts:
     """How long a phase may last without a sign of progress, in s of the wall clock.
 
     Attributes:
-        plant: Until a plant is found, at rest, ready and matched.
+        find: Until a plant is found with its services.
+        plant: Until the plant is at rest, ready and matched.
         reply: Until a service answers.
         silence: Until the next velocity during a swim, or the next state around it.
         people: Until somebody has mounted a fin or brought the fish back to its mark; 0 waits for ever.
     """
 
+    find: float = 60.0
     plant: float = 10.0
     reply: float = 10.0
     silence: float = 5.0
     people: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("plant", "reply", "silence"):
+        for name in ("find", "plant", "reply", "silence"):
             checks.number(f"timeout.{name}", getattr(self, name), 0.0, unit="s", exclusive_minimum=True)
         checks.number("timeout.people", self.people, 0.0, unit="s")
 
@@ -290,7 +292,9 @@ class Trial:
         if phase.action is Action.SET_FIN and facts.fin_reply is not None and not facts.fin_reply.accepted:
             return Result(Outcome.INFEASIBLE, facts.fin_reply.reason or "the plant refused the fin without a reason")
         trouble = self._trouble(phase, facts)
-        return Result(Outcome.FAILED, f"{phase.name}: {trouble}") if trouble else None
+        # A disk says nothing about the fin: such a trial is no attempt.
+        disk = bool(facts.recorder_failure)
+        return Result(Outcome.FAILED, f"{phase.name}: {trouble}", interrupted=disk) if trouble else None
 
     def _trouble(self, phase: Phase, facts: Facts) -> str:
         if facts.recorder_failure:
@@ -430,7 +434,7 @@ PHASES: tuple[Phase, ...] = (
         "find the plant",
         action=None,
         done=lambda _, facts: len(facts.plants) == 1 and not facts.missing_services and facts.plant is not None,
-        patience="plant",
+        patience="find",
         missing=_no_plant,
     ),
     Phase(
