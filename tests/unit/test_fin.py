@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fin_plant.fin import Fin
+from fin_plant.fin import Fin, ProfiledFin
 
 
 @pytest.mark.parametrize(
@@ -56,3 +56,58 @@ def test_a_fin_that_cannot_be_is_refused_by_name_value_and_range(name: str, valu
 def test_a_fin_thicker_than_long_or_high_is_refused(extent: str) -> None:
     with pytest.raises(ValueError, match=rf"fin.thickness = 0.02 m must be less than fin.{extent} = 0.015 m"):
         Fin(thickness=0.02, **{extent: 0.015})  # type: ignore[arg-type]
+
+
+# -- shapes ----------------------------------------------------------------------------------------------------------
+
+LEAF = ProfiledFin(height=0.01, tip_height=0.01, profile_position=(0.3, 0.9), profile_height=(0.02, 0.05))
+
+
+@pytest.mark.parametrize(("shape", "ratio"), [("rectangular", 1.0), ("flaring", 3.0), ("tapered", 1.0 / 3.0)])
+def test_named_shapes_keep_length_area_and_material(shape: str, ratio: float) -> None:
+    fin = Fin(height=0.03, tip_height=0.01, density=900.0, segments=7)
+    shaped = fin.shaped(shape)
+    assert shaped.area == pytest.approx(fin.area)
+    assert shaped.tip_height == pytest.approx(ratio * shaped.height)
+    assert (shaped.length, shaped.density, shaped.segments) == (fin.length, 900.0, 7)
+
+
+def test_an_unknown_shape_is_refused() -> None:
+    with pytest.raises(ValueError, match="shape = 'round'"):
+        Fin().shaped("round")
+
+
+def test_a_profile_runs_through_its_points() -> None:
+    assert LEAF.height_at(0.3 * LEAF.length) == pytest.approx(0.02)
+    assert LEAF.height_at(0.6 * LEAF.length) == pytest.approx(0.035)
+    assert LEAF.height_at(LEAF.length) == 0.01
+    assert LEAF.area == pytest.approx(LEAF.length * (0.3 * 0.015 + 0.6 * 0.035 + 0.1 * 0.03))
+
+
+@pytest.mark.parametrize("fin", [Fin(tip_height=0.04), LEAF])
+def test_a_fin_is_scaled_to_an_area(fin: Fin) -> None:
+    scaled = fin.with_area(2e-3)
+    assert scaled.area == pytest.approx(2e-3)
+    assert scaled.height / fin.height == pytest.approx(scaled.tip_height / fin.tip_height)
+
+
+def test_a_profiled_fin_and_its_parameters_are_the_same_thing() -> None:
+    assert Fin.from_parameters(LEAF.as_parameters()) == LEAF
+    assert LEAF.as_parameters()["fin.profile_position"] == [0.3, 0.9]
+    assert Fin().as_parameters()["fin.profile_height"] == []
+
+
+@pytest.mark.parametrize(
+    ("position", "height", "message"),
+    [
+        ((0.5,), (), "fin.profile_position has 1 entries and fin.profile_height 0"),
+        ((0.6, 0.5), (0.02, 0.02), "must rise"),
+        ((0.0,), (0.02,), "must rise"),
+        ((1.5,), (0.02,), r"fin.profile_position = 1\.5 is outside"),
+        ((0.5,), (-0.02,), r"fin.profile_height = -0\.02 m is outside"),
+        ((math.nan,), (0.02,), "fin.profile_position = nan"),
+    ],
+)
+def test_a_profile_that_cannot_be_is_refused(position: tuple[float, ...], height: tuple[float, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ProfiledFin(profile_position=position, profile_height=height)

@@ -20,6 +20,8 @@ SHAPES = {"rectangular": 1.0, "flaring": 3.0, "tapered": 1.0 / 3.0}
 
 _DEFAULTS: dict[str, Any] = {name.removeprefix("fin."): entry.default for name, entry in FIN_PARAMETERS.items()}
 
+_PROFILE = ("profile_position", "profile_height")
+
 Hinges = Literal["between", "midpoint"]
 
 
@@ -98,9 +100,9 @@ class Fin:
         return Fin(**{**own, "height": root, "tip_height": ratio * root})
 
     def as_parameters(self) -> dict[str, Value]:
-        """Return the fin as the plant's parameters."""
-        values = asdict(self).items()
-        return {f"fin.{name}": list(value) if isinstance(value, tuple) else value for name, value in values}
+        """Return the fin as the plant's parameters; straight edges are an empty profile."""
+        values: dict[str, Value] = {f"fin.{name}": value for name, value in asdict(self).items()}
+        return {**values, **{f"fin.{name}": list(getattr(self, name, ())) for name in _PROFILE}}
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, object]) -> Fin:
@@ -111,7 +113,7 @@ class Fin:
         """
         own = {name: value for name, value in values.items() if name.startswith("fin.")}
         checked = {name.removeprefix("fin."): value for name, value in FIN_PARAMETERS.checked(own).items()}
-        profile = {name: checked.pop(name) for name in ("profile_position", "profile_height")}
+        profile = {name: checked.pop(name) for name in _PROFILE}
         if any(profile.values()):
             return ProfiledFin(**checked, **{name: tuple(heights) for name, heights in profile.items()})  # type: ignore[arg-type]
         return Fin(**checked)  # type: ignore[arg-type]

@@ -6,6 +6,7 @@ fish and publishes ``pose``, and the operator who mounts fins and brings the fis
 
 from __future__ import annotations
 
+import json
 import math
 import sys
 import tempfile
@@ -140,7 +141,7 @@ def _wanted(details: Mapping[str, str]) -> Fin:
     values: dict[str, object] = {}
     for name, parameter in FIN_PARAMETERS.items():
         text = details[f"wanted.{name}"]
-        values[name] = text if parameter.kind == "string" else float(text)
+        values[name] = text if parameter.kind == "string" else json.loads(text)
     return Fin.from_parameters(values)
 
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import scipy.linalg
 
 from fin_plant import checks
+from fin_plant.fin import Fin, ProfiledFin
 from fin_plant.gait import MAXIMUM_JOINTS
 from fin_sim.fish import Body, Fish, Link, Water
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from fin_plant.fin import Fin
 
 Clamp = Literal["free", "fixed", "towed"]
 Reactive = Literal["tip", "distributed"]
@@ -44,6 +44,32 @@ LINK_COLUMNS = 14
     DRIVEN,
     RESISTIVE,
 ) = range(LINK_COLUMNS)
+
+
+def _moments(link: Link, power: int) -> list[float]:
+    """Return the integrals over a link of d^power s^j for j = 0, 1, 2, with d the height and s the distance."""
+    total = np.zeros(3)
+    for (start, low), (end, high) in pairwise(link.stations):
+        slope = (high - low) / (end - start)
+        height = np.polynomial.Polynomial([low - slope * start, slope])
+        for j in range(3):
+            integral = (height**power * np.polynomial.Polynomial([0.0, 1.0]) ** j).integ()
+            total[j] += integral(end) - integral(start)
+    return [float(value) for value in total]
+
+
+def _resistive_profile(link: Link) -> tuple[float, float]:
+    """Return root height and slope that the resistive force sees.
+
+    They are the link's own where its edges are straight; else those of the straight link of the same area and
+    centroid, or as near to it as leaves no end below 0. Everything else takes the profile as it is.
+    """
+    if not link.profile:
+        return link.root_height, (link.tip_height - link.root_height) / link.length
+    area, moment, _ = _moments(link, 1)
+    largest = 2.0 * area / link.length**2
+    slope = min(max(12.0 * (moment - 0.5 * area * link.length) / link.length**3, -largest), largest)
+    return area / link.length - 0.5 * slope * link.length, slope
 
 
 @dataclass(frozen=True)
@@ -89,20 +115,14 @@ class Chain:
             [self._link_row(link, is_driven) for link, is_driven in zip(self.links, self.driven, strict=True)]
         )
 
-    def _link_row(self, link: Link, is_driven: bool) -> list[float]:  # noqa: FBT001
-        length, slope = link.length, (link.tip_height - link.root_height) / link.length
+    def _link_row(self, link: Link, is_driven: bool) -> list[float]:
         virtual = 0.25 * math.pi * self.water.density
-        height = np.polynomial.Polynomial([link.root_height, slope])
-        distance = np.polynomial.Polynomial([0.0, 1.0])
-
-        def moments(density: np.polynomial.Polynomial) -> list[float]:
-            return [float((density * distance**power).integ()(length)) for power in range(3)]
-
+        root, slope = _resistive_profile(link)
         return [
-            length,
-            *moments(virtual * height * height),
-            *moments(link.mass_per_area * height),
-            link.root_height,
+            link.length,
+            *(virtual * moment for moment in _moments(link, 2)),
+            *(link.mass_per_area * moment for moment in _moments(link, 1)),
+            root,
             slope,
             virtual * link.tip_height**2,
             0.0 if is_driven else link.stiffness,
@@ -202,6 +222,7 @@ def fin_links(fin: Fin) -> tuple[tuple[Link, ...], tuple[bool, ...]]:
     links = []
     for start, end in zip(ends[:-1], ends[1:], strict=True):
         stiffness = fin.hinge_stiffness(start) if start > 0.0 else 0.0
+        points = fin.points_between(start, end) if isinstance(fin, ProfiledFin) else ()
         links.append(
             Link(
                 length=end - start,
@@ -210,6 +231,7 @@ def fin_links(fin: Fin) -> tuple[tuple[Link, ...], tuple[bool, ...]]:
                 mass_per_area=fin.density * fin.thickness,
                 stiffness=stiffness,
                 damping=stiffness * fin.damping_time,
+                profile=tuple((distance - start, height) for distance, height in points),
             )
         )
     return tuple(links), (True,) + (False,) * (len(links) - 1)

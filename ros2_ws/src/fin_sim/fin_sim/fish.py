@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from scipy.special import elliprd
@@ -123,9 +124,11 @@ class Link:
         mass_per_area: Solid mass over side area, kg/m^2.
         stiffness: K of its joint, N m/rad; without meaning for a driven joint.
         damping: D of its joint, N m s/rad.
+        profile: Further points of its height between the ends: distance behind the joint and height, m, in order.
 
     Raises:
-        ValueError: A value that is not finite or negative, a length of zero, or no height at all.
+        ValueError: A value that is not finite or negative, a length of zero, no height at all, or a profile whose
+            points are not in order between the ends.
     """
 
     length: float
@@ -134,20 +137,32 @@ class Link:
     mass_per_area: float = 0.0
     stiffness: float = 0.0
     damping: float = 0.0
+    profile: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        for item in fields(self):
+        for item in fields(self)[:-1]:
             positive = item.name == "length"
             value = checks.number(f"link {item.name}", getattr(self, item.name), 0.0, exclusive_minimum=positive)
             object.__setattr__(self, item.name, value)
         if self.root_height + self.tip_height <= 0.0:
             msg = "link root_height and tip_height are both 0: give at least one end a height above 0 m"
             raise ValueError(msg)
+        for distance, height in self.profile:
+            checks.number("link profile distance", distance, 0.0, self.length, unit="m")
+            checks.number("link profile height", height, 0.0, unit="m")
+        if any(after[0] <= before[0] for before, after in pairwise(self.stations)):
+            msg = f"link profile = {self.profile} must lie in order between 0 and {self.length:g} m"
+            raise ValueError(msg)
+
+    @property
+    def stations(self) -> tuple[tuple[float, float], ...]:
+        """Distance behind the joint and height, m, of both ends and of the profile's points between them."""
+        return ((0.0, self.root_height), *self.profile, (self.length, self.tip_height))
 
     @property
     def area(self) -> float:
         """Side area in m^2."""
-        return 0.5 * (self.root_height + self.tip_height) * self.length
+        return sum(0.5 * (d + e) * (b - a) for (a, d), (b, e) in pairwise(self.stations))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,64 @@
+"""The table of materials: ranges with sources, fins named by material."""
+
+from __future__ import annotations
+
+import pytest
+
+from fin_plant.fin import Fin
+from fin_sim.materials import material, materials
+from fin_sim.swim import swim
+
+WANTED = (
+    "LDPE HDPE PP PET PMMA ABS PC POM nylon VeroWhite TangoBlackPlus DM9895 DM9870 DM8520 DM8510"
+).split()
+
+
+@pytest.mark.parametrize("key", WANTED)
+def test_material_states_its_ranges_with_their_sources(key: str) -> None:
+    entry = material(key)
+    assert entry.name
+    assert entry.modulus_source
+    assert entry.density_source
+    assert 800.0 < entry.density[0] <= entry.density[1] < 1500.0
+    if entry.young_modulus is None:
+        assert "No modulus" in entry.modulus_source
+    else:
+        assert 5e5 < entry.young_modulus[0] < entry.young_modulus[1] < 1e10
+
+
+@pytest.mark.parametrize("key", [key for key in WANTED if material(key).young_modulus])
+def test_range_of_stiffness_gives_a_range_of_speeds(key: str) -> None:
+    soft, stiff = material(key).fins(Fin())
+    assert (soft.young_modulus, stiff.young_modulus) == material(key).young_modulus
+    slow, fast = sorted(swim(fin, duration=3.0).mean_speed for fin in (soft, stiff))
+    assert 0.0 <= slow < fast
+
+
+def test_hardness_is_converted_by_the_two_formulas_named() -> None:
+    def gent(shore: float) -> float:
+        return 0.0981e6 * (56.0 + 7.62336 * shore) / (0.137505 * (254.0 - 2.54 * shore))
+
+    def ruess(shore: float) -> float:
+        return 1e6 * 10.0 ** (0.0235 * shore - 0.6403)
+
+    for key, hardness in (("TangoBlackPlus", (26, 28)), ("DM9870", (68, 72)), ("DM9895", (92, 95))):
+        values = [formula(shore) for formula in (gent, ruess) for shore in hardness]
+        stated = material(key).young_modulus
+        assert stated is not None
+        assert stated[0] == pytest.approx(min(values), rel=0.05)
+        assert stated[1] == pytest.approx(max(values), rel=0.05)
+
+
+def test_material_is_found_in_any_case_and_a_near_miss_is_told() -> None:
+    assert material("verowhite").key == "VeroWhite"
+    with pytest.raises(ValueError, match=r"material 'NYLONS' is not in the table: did you mean nylon"):
+        material("NYLONS")
+
+
+def test_material_without_a_modulus_cannot_be_cut() -> None:
+    with pytest.raises(ValueError, match=r"give fin\.young_modulus"):
+        material("DM8510").fins(Fin())
+
+
+def test_every_material_is_asked_for_by_a_test() -> None:
+    assert sorted(materials()) == sorted(WANTED)
