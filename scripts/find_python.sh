@@ -23,8 +23,9 @@ candidates() {
 for version in 3.12 3.11 3.13; do
     while read -r python; do
         if usable "$python" "$version"; then
-            # The real interpreter, not a shim whose answer depends on the directory.
-            exec "$python" -c 'import sys; print(sys.executable)'
+            # The real interpreter: not a shim whose answer depends on the directory, nor that of an activated
+            # environment, which may be the very one that is about to be made.
+            exec "$python" -c 'import os, sys; print(os.path.realpath(getattr(sys, "_base_executable", sys.executable)))'
         fi
     done < <(candidates "$version")
 done

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,7 +43,7 @@ case "$1 $2" in
     echo "ERROR: no network"
     exit 1
     ;;
-*sys.executable*)
+*_base_executable*)
     echo "$0"
     ;;
 esac
@@ -95,6 +96,15 @@ def test_a_python_that_does_not_start_is_no_python(tmp_path: Path) -> None:
     result = set_up(root, environment)
     assert result.returncode == 1
     assert "no usable Python" in result.stderr
+
+
+def test_the_python_found_is_never_that_of_an_activated_environment(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(tmp_path / "activated")], check=True)
+    environment = os.environ | {"PATH": f"{tmp_path}/activated/bin:{os.environ['PATH']}"}
+    result = subprocess.run(
+        [str(ROOT / "scripts" / "find_python.sh")], capture_output=True, text=True, check=True, env=environment
+    )
+    assert not Path(result.stdout.strip()).is_relative_to(tmp_path)
 
 
 def test_a_shell_with_another_ros_distribution_is_refused(tmp_path: Path) -> None:
