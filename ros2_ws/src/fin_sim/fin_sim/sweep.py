@@ -13,10 +13,10 @@ from fin_plant import checks
 from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.gait import Gait, gait_preset
 from fin_plant.parameters import ParameterTable, Value
-from fin_sim.chain import CLAMPS, Chain, Clamp, Reactive, build_chain
+from fin_sim.chain import Clamp, Reactive, build_chain
 from fin_sim.fish import Fish
 from fin_sim.servo import Servo
-from fin_sim.swim import SIMULATOR_PARAMETERS, swim_chain
+from fin_sim.swim import SIMULATOR_PARAMETERS, swim
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,17 +74,24 @@ class Plan:
         """
         return Fin.from_parameters(self.values)
 
-    def chain(self) -> Chain:
-        """Return the chain.
+    def fish(self) -> Fish:
+        """Return the fish.
 
         Raises:
             ValueError: A value that is refused.
         """
-        checks.choice("clamp", self.clamp, CLAMPS)
-        fish = Fish.from_parameters(PARAMETERS.checked(self.values))
-        return build_chain(
-            fish, self.fin(), reactive=self.reactive, clamp=self.clamp, tow_speed=self.tow_speed
-        )
+        return Fish.from_parameters(PARAMETERS.checked(self.values))
+
+    def check(self) -> None:
+        """Refuse what cannot swim, without swimming it.
+
+        Raises:
+            ValueError: A value that is refused.
+        """
+        fish = self.fish()
+        build_chain(fish, self.fin(), reactive=self.reactive, clamp=self.clamp, tow_speed=self.tow_speed)
+        self.drive(fish.driven_joints)
+        Servo.from_parameters(PARAMETERS.checked(self.values))
 
     def drive(self, joints: int) -> Gait:
         """Return the gait for a tail of so many driven joints.
@@ -104,11 +111,15 @@ class Plan:
             ValueError: A value that is refused.
             StepError: The state stopped being finite.
         """
-        chain = self.chain()
-        return swim_chain(
-            chain,
-            self.drive(sum(chain.driven)),
+        fish = self.fish()
+        return swim(
+            self.fin(),
+            fish,
+            self.drive(fish.driven_joints),
             self.duration,
+            reactive=self.reactive,
+            clamp=self.clamp,
+            tow_speed=self.tow_speed,
             servo=Servo.from_parameters(PARAMETERS.checked(self.values)),
             ramp_time=self.ramp_time,
             step=self.step,
@@ -186,8 +197,7 @@ def sweep_plans(plan: Plan, axes: list[Axis]) -> list[tuple[tuple[float, ...], P
         changed = plan
         for axis, number in zip(axes, numbers, strict=True):
             changed = changed.changed(axis.name, number)
-        changed.drive(sum(changed.chain().driven))
-        Servo.from_parameters(PARAMETERS.checked(changed.values))
+        changed.check()
         result.append((numbers, changed))
     return result
 

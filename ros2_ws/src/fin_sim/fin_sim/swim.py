@@ -28,7 +28,7 @@ IDEAL_SERVO = Servo()
 SAMPLE_TIME = 1e-2
 _DURATION_LIMIT = 1e5
 # A fin that flutters or whips may need a shorter step than was asked for: a quarter, then a sixteenth of it.
-_ATTEMPTS = 3
+_SHORTER_STEPS = 2
 
 
 def swim_chain(
@@ -41,7 +41,7 @@ def swim_chain(
     step: float = STEP,
     sample_time: float = SAMPLE_TIME,
 ) -> Swim:
-    """Swim a chain from rest; see `swim`. Where the step proves too long, it is quartered, twice at most.
+    """Swim a chain from rest; with the step given; see `swim`.
 
     Raises:
         ValueError: A duration, ramp, step or sample time outside its range, or a gait with another number of joints.
@@ -51,19 +51,12 @@ def swim_chain(
     sample_time = checks.number("sample_time", sample_time, 0.0, duration, unit="s", exclusive_minimum=True)
     step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
     samples = max(1, round(duration / sample_time))
-    for attempt in range(_ATTEMPTS):
-        every = math.ceil(duration / samples / step - 1e-9)
-        stepper = dynamics.Stepper(chain, duration / (samples * every), every)
-        follower = GaitFollower(sum(chain.driven), ramp_time)
-        follower.command(gait, 0.0)
-        motion = TailDrive(follower, servo).motion(stepper.half_step_times(samples))
-        try:
-            states, records = stepper.advance(stepper.start(), motion)
-            break
-        except dynamics.StepError:
-            if attempt == _ATTEMPTS - 1:
-                raise
-            step = 0.25 * stepper.step
+    every = math.ceil(duration / samples / step - 1e-9)
+    stepper = dynamics.Stepper(chain, duration / (samples * every), every)
+    follower = GaitFollower(sum(chain.driven), ramp_time)
+    follower.command(gait, 0.0)
+    motion = TailDrive(follower, servo).motion(stepper.half_step_times(samples))
+    states, records = stepper.advance(stepper.start(), motion)
     links, first = len(chain.links), dynamics.BODY_STATES
     return Swim(
         chain=chain,
@@ -111,7 +104,7 @@ def swim(
         tow_speed: m/s, for ``towed``.
         servo: The servo of every driven joint; the ideal one where none is given.
         ramp_time: Time in which the gait starts, s.
-        step: Longest time step, s; shortened to divide the sample time.
+        step: Longest time step, s; shortened to divide the sample time, and where it proves too long for the fin.
         sample_time: Time between two samples, s.
 
     Raises:
@@ -119,4 +112,11 @@ def swim(
         StepError: The state stopped being finite.
     """
     chain = build_chain(fish, fin or Fin(), reactive=reactive, clamp=clamp, tow_speed=tow_speed)
+    for _ in range(_SHORTER_STEPS):
+        try:
+            return swim_chain(
+                chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time
+            )
+        except dynamics.StepError:
+            step = 0.25 * min(step, sample_time)
     return swim_chain(chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time)

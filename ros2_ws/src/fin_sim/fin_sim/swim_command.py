@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from fin_plant.parameters import Value
+from fin_plant.fin import SHAPES
 from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
@@ -30,6 +30,7 @@ from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_ax
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from fin_plant.parameters import Value
     from fin_sim.swim_result import Swim
 
 _PLAN_OPTIONS = tuple(item.name for item in fields(Plan) if item.name != "values")
@@ -60,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     what = parser.add_argument_group("what swims")
     what.add_argument("--case", type=Path, metavar="FILE", help="a case file, JSON, with every parameter")
     what.add_argument("--material", metavar="NAME", help="material of the fin: its softest and stiffest grade swim")
+    what.add_argument("--shape", choices=sorted(SHAPES), help="straight edges at the length and area that the fin has")
     what.add_argument("--params-file", type=Path, metavar="FILE", help="parameters as the node's --params-file takes them")
     what.add_argument("--sweep", action="append", default=[], metavar="NAME=RANGE", help="FIRST:LAST:COUNT[:log] or A,B,C; once or twice")
     gait = parser.add_argument_group("gait and run")
@@ -120,7 +122,12 @@ def _read_parameters(path: Path) -> dict[str, Value]:
     except (yaml.YAMLError, UnicodeDecodeError, AttributeError, KeyError, TypeError) as error:
         msg = f"{path} is not a ROS parameter file (node: ros__parameters: name: value): {error!r}"
         raise ValueError(msg) from None
-    return {name: PARAMETERS[name].check(value) for name, value in flat.items() if name in PARAMETERS}
+    # YAML 1.1 takes 2.0e9 for a text, ROS takes it for a number.
+    return {
+        name: _value(name, value) if isinstance(value, str) else PARAMETERS[name].check(value)
+        for name, value in flat.items()
+        if name in PARAMETERS
+    }
 
 
 def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
@@ -136,11 +143,15 @@ def _plan(options: argparse.Namespace) -> Plan:
     given = {name: getattr(options, name) for name in PARAMETERS}
     values |= {name: _value(name, text) for name, text in given.items() if text is not None}
     chosen = {name: getattr(options, name) for name in _PLAN_OPTIONS if getattr(options, name) is not None}
-    return Plan(values, **chosen)
+    plan = Plan(values, **chosen)
+    if options.shape:
+        shaped = plan.fin().shaped(options.shape)
+        plan = replace(plan, values={**plan.values, **shaped.as_parameters()})
+    return plan
 
 
 def _refuse_with_case(options: argparse.Namespace) -> None:
-    names = [*PARAMETERS, *(name for name in _PLAN_OPTIONS if name != "step"), "material", "params_file"]
+    names = [*PARAMETERS, *(name for name in _PLAN_OPTIONS if name != "step"), "material", "shape", "params_file"]
     given = [name for name in names if getattr(options, name) is not None]
     if given or options.sweep:
         msg = f"--case holds every parameter: leave out --{(given or ['sweep'])[0]} or edit the file"
@@ -311,7 +322,8 @@ def _run(options: argparse.Namespace) -> None:
         return
     plan, axes = _plan(options), [parse_axis(text) for text in options.sweep]
     if options.material:
-        if "fin.young_modulus" in plan.values or any(axis.name == "fin.young_modulus" for axis in axes):
+        given = getattr(options, "fin.young_modulus") is not None
+        if given or any(axis.name == "fin.young_modulus" for axis in axes):
             msg = "--material gives fin.young_modulus: leave one of them out"
             raise ValueError(msg)
         soft, stiff = material(options.material).fins(plan.fin())

@@ -1,0 +1,209 @@
+"""The command swim: what it prints and writes, and what it refuses before anything is written."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from fin_sim import swim_command
+from fin_sim.dynamics import StepError
+from fin_sim.sweep import Plan, parse_axis, sweep_plans
+from fin_sim.swim import swim
+
+CASES = Path(__file__).parents[1] / "data" / "cases"
+SHORT = ("--duration", "3")
+
+
+def _run(capsys: pytest.CaptureFixture[str], *arguments: str | Path, code: int = 0) -> tuple[str, str]:
+    assert swim_command.main([str(argument) for argument in arguments]) == code
+    captured = capsys.readouterr()
+    return captured.out, captured.err
+
+
+@pytest.mark.parametrize("path", sorted(CASES.glob("*.json")), ids=lambda path: path.stem)
+def test_case_as_json_has_the_reference_figures(capsys: pytest.CaptureFixture[str], path: Path) -> None:
+    figures = json.loads(_run(capsys, "--case", path, "--json")[0])
+    for name, value in json.loads(path.read_text(encoding="utf-8"))["summary"].items():
+        assert figures[name] == pytest.approx(value, rel=1e-3, abs=1e-9)
+    assert {"mean_speed", "final_psi"} <= figures.keys()
+
+
+def test_case_as_csv_has_the_reference_rows(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    path = CASES / "free_subcarangiform_turn.json"
+    _, err = _run(capsys, "--case", path, "--csv", tmp_path / "out.csv")
+    files = (tmp_path / "out.csv", path.with_suffix(".csv"))
+    got, wanted = (list(csv.reader(file.read_text(encoding="utf-8").splitlines())) for file in files)
+    assert got[0] == wanted[0]
+    assert len(got) == len(wanted)
+    assert [float(x) for x in got[-1][:4]] == pytest.approx([float(x) for x in wanted[-1][:4]], rel=1e-6)
+    assert "swim: wrote" in err
+
+
+def test_one_swim_prints_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    out, _ = _run(capsys, *SHORT)
+    assert f"{100.0 * swim(duration=3.0).mean_speed:.4g}" in out
+    assert "Strouhal" in out
+
+
+def test_json_has_no_infinity(capsys: pytest.CaptureFixture[str]) -> None:
+    figures = json.loads(_run(capsys, *SHORT, "--clamp", "fixed", "--json")[0])
+    assert figures["strouhal_number"] is None
+    assert figures["mean_thrust_last_two_periods"] > 0.0
+
+
+def test_sweep_over_two_numbers_has_a_row_for_each_pair(capsys: pytest.CaptureFixture[str]) -> None:
+    out, _ = _run(
+        capsys, *SHORT, "--sweep", "fin.young_modulus=1e8:1e10:3:log", "--sweep", "frequency=0.9,1.8", "--csv", "-"
+    )
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert [float(row["fin.young_modulus"]) for row in rows] == pytest.approx([1e8, 1e8, 1e9, 1e9, 1e10, 1e10])
+    assert [float(row["frequency"]) for row in rows] == [0.9, 1.8] * 3
+    assert all(float(row["mean_speed"]) > 0.0 for row in rows)
+
+
+def test_sweep_table_is_printed_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    out, _ = _run(capsys, *SHORT, "--sweep", "fin.length=0.06,0.08")
+    assert "fin.length" in out
+    assert "0.06" in out
+    assert "…" not in out
+
+
+def test_material_gives_a_range_of_speeds(capsys: pytest.CaptureFixture[str]) -> None:
+    rows = json.loads(_run(capsys, *SHORT, "--material", "PP", "--json")[0])
+    assert [row["fin.young_modulus"] for row in rows] == [1.07e9, 1.72e9]
+    assert rows[0]["mean_speed"] != rows[1]["mean_speed"]
+
+
+def test_shape_keeps_the_area(capsys: pytest.CaptureFixture[str]) -> None:
+    speeds = [
+        json.loads(_run(capsys, *SHORT, "--shape", shape, "--json")[0])["mean_speed"]
+        for shape in ("rectangular", "flaring", "tapered")
+    ]
+    assert len(set(speeds)) == 3
+
+
+def test_sub_carangiform_fish_swims(capsys: pytest.CaptureFixture[str]) -> None:
+    out, _ = _run(
+        capsys, *SHORT, "--gait", "sub_carangiform", "--peduncle.length", "0.03", "--peduncle.root_height", "0.05",
+        "--peduncle.tip_height", "0.035", "--peduncle.mass_per_area", "20", "--json"
+    )  # fmt: skip
+    assert json.loads(out)["mean_speed"] > 0.0
+
+
+def test_parameters_come_from_the_nodes_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / "fish.yaml"
+    file.write_text(
+        "/**:\n  ros__parameters:\n    fin.young_modulus: 2.0e9\n    body: {drag_area: 0.005}\n    speed: 0.0\n",
+        encoding="utf-8",
+    )
+    from_file = json.loads(_run(capsys, *SHORT, "--params-file", file, "--json")[0])
+    given = json.loads(_run(capsys, *SHORT, "--fin.young_modulus", "2e9", "--body.drag_area", "5e-3", "--json")[0])
+    assert from_file == given
+
+
+def test_pictures_are_written_and_a_replaced_file_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    plot, movie = tmp_path / "swim.png", tmp_path / "swim.gif"
+    plot.write_text("old", encoding="utf-8")
+    _, err = _run(capsys, "--duration", "1", "--plot", plot, "--animate", movie)
+    assert f"swim: replaced {plot}" in err
+    assert f"swim: wrote {movie}" in err
+    with Image.open(plot) as picture:
+        assert picture.size[0] >= 1000
+    with Image.open(movie) as picture:
+        assert getattr(picture, "n_frames", 0) == 25
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["swim.gif", "swim.png"]
+
+
+def test_sweep_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    _run(capsys, *SHORT, "--sweep", "fin.young_modulus=1e8,1e9", "--plot", tmp_path / "sweep.png")
+    assert (tmp_path / "sweep.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--fin.length", "-1"), "fin.length = -1 m"),
+        (("--fin.length", "nan"), "fin.length = nan"),
+        (("--fin.length", "long"), "fin.length = 'long'"),
+        (("--fin.hinges", "none"), "fin.hinges = 'none'"),
+        (("--fin.segments", "2.5"), "fin.segments = 2.5"),
+        (("--duration", "0"), "duration = 0 s"),
+        (("--amplitude", "200"), "amplitude = 200 degrees"),
+        (("--frequency", "-1"), "gait frequency = -1 Hz"),
+        (("--gait", "sub_carangiform"), "driven joints of a sub-carangiform gait"),
+        (("--material", "wood"), "material 'wood'"),
+        (("--material", "DM8510"), "No modulus"),
+        (("--material", "PP", "--fin.young_modulus", "1e9"), "leave one of them out"),
+        (("--sweep", "fin.colour=1,2"), "fin.colour is not a parameter"),
+        (("--sweep", "fin.hinges=1,2"), "it is no number"),
+        (("--sweep", "frequency=1:2"), "FIRST:LAST:COUNT"),
+        (("--sweep", "frequency=0:2:3:log"), "values above 0"),
+        (("--sweep", "frequency=1:2:3", "--sweep", "frequency=1:2:3"), "one or two different numbers"),
+        (("--sweep", "frequency=1:2:1e6"), "count = 1e+06"),
+        (("--sweep", "fin.length=0.08,9"), "fin.length = 9 m"),
+        (("--case", "nothing.json"), "nothing.json"),
+        (("--case", str(CASES / "plate_fixed.json"), "--duration", "3"), "leave out --duration"),
+        (("--case", str(CASES / "plate_fixed.json"), "--sweep", "frequency=1,2"), "leave out --sweep"),
+        (("--params-file", str(CASES / "plate_fixed.csv")), "not a ROS parameter file"),
+        (("--servo.backlash", "0.1"), "servo.lag = 0 s"),
+        (("--plot", "swim.jpg"), "must end in .png"),
+        (("--animate", "swim.avi"), "must end in .gif or .mp4"),
+        (("--csv", "-", "--json"), "give the CSV a file"),
+        (("--sweep", "frequency=1,2", "--animate", "swim.gif"), "--animate shows one swim"),
+        (("--csv", "nowhere/out.csv"), "its folder does not exist"),
+    ],
+)
+def test_bad_input_is_refused_before_anything_is_written(
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    arguments: tuple[str, ...],
+    message: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    extra = () if "--csv" in arguments else ("--csv", "out.csv")
+    out, err = _run(capsys, *arguments, *extra, code=2)
+    assert out == ""
+    assert err.startswith("swim: error: ")
+    assert message in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unknown_option_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        swim_command.main(["--fin.lenght", "1"])
+    assert stop.value.code == 2
+    assert "--fin.lenght" in capsys.readouterr().err
+
+
+def test_film_without_ffmpeg_is_refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda _: None)
+    assert "MP4 needs the program ffmpeg" in _run(capsys, "--animate", "swim.mp4", code=2)[1]
+
+
+def test_swim_that_diverges_ends_with_1(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def diverge(_: Plan) -> None:
+        raise StepError(0.5)
+
+    monkeypatch.setattr(Plan, "swim", diverge)
+    _, err = _run(capsys, "--csv", "out.csv", code=1)
+    assert "use a shorter step" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_sweep_spaces_its_values() -> None:
+    assert parse_axis("frequency=1:2:3").values == (1.0, 1.5, 2.0)
+    assert parse_axis("fin.length=0.05,0.1").values == (0.05, 0.1)
+    plans = sweep_plans(Plan({}), [parse_axis("amplitude=10,20")])
+    assert [plan.amplitude for _, plan in plans] == [10.0, 20.0]
+    assert math.degrees(plans[1][1].drive(1).joints[0].amplitude) == pytest.approx(20.0)
