@@ -25,6 +25,15 @@ test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k
 validation: setup ## check the physics against every known answer; writes docs/validation.md and its figures
 	@./run fin_sim validation
 
+.PHONY: campaign
+campaign: setup ## the paper's experiments, figures and numbers, in runs/campaign; ARGS="hill_climber" for one of them
+	@./run fin_optimizer campaign $(ARGS)
+
+.PHONY: bench
+bench: setup ## how fast many fish swim, beside MuJoCo and SciPy in the same run; ARGS="--quick" for a look
+	@$(environment) && python -m pip install --quiet --requirement requirements/bench.txt
+	@./run fin_optimizer bench $(ARGS)
+
 .PHONY: lint
 lint: setup ## ruff, mypy in strict mode, and shellcheck where it is installed
 	@$(environment) && ruff check && ruff format --check && mypy

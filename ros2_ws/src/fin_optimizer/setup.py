@@ -29,6 +29,8 @@ setup(
             "optimizer = fin_optimizer.optimizer:main",
             "bringup = fin_optimizer.bringup:main",
             "score_bag = fin_optimizer.score_bag:main",
+            "campaign = fin_optimizer.campaign:main",
+            "bench = fin_optimizer.bench:main",
         ],
     },
 )

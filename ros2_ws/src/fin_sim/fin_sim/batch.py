@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from enum import IntEnum
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
@@ -21,7 +22,7 @@ from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower
 from fin_sim import lane_kernel
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS, Clamp, Reactive, build_chain
 from fin_sim.dynamics import StepError
-from fin_sim.lane_equations import LaneBody, LaneLink
+from fin_sim.lane_equations import LaneLink
 from fin_sim.swim import PAPER_FISH, RAMP_TIME, swim_chain
 
 if TYPE_CHECKING:
@@ -225,17 +226,23 @@ class _Task:
         weights[[first, -1]] *= 0.5
         return weights
 
-    def table(self) -> NDArray[np.float64]:
-        """Return what a lane kernel needs to know of each step, shape (steps, columns)."""
-        follower = GaitFollower(self.fish.driven_joints, self.ramp_time)
-        follower.command(self.gait, 0.0)
-        motion = follower.motion(np.linspace(self.step, self.duration, self.steps))
-        window = self.window_weights(self.steps + 1, self.first_step)[1:]
-        path = np.full(self.steps, self.step)
-        path[-1] *= 0.5
-        angle, rate, acceleration = np.moveaxis(motion, 2, 0)
-        drives = np.stack((np.sin(angle), np.cos(angle), rate, acceleration), axis=2)
-        return np.column_stack((window, path, drives.reshape(self.steps, -1)))
+
+@lru_cache(maxsize=4)  # a search swims batch after batch with the same gait
+def _shared(task: _Task) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Return what a lane kernel needs to know of each step, flat (steps, columns), and of all steps, (``UNIFORM``,)."""
+    follower = GaitFollower(task.fish.driven_joints, task.ramp_time)
+    follower.command(task.gait, 0.0)
+    motion = follower.motion(np.linspace(task.step, task.duration, task.steps))
+    window = task.window_weights(task.steps + 1, task.first_step)[1:]
+    path = np.full(task.steps, task.step)
+    path[-1] *= 0.5
+    angle, rate, acceleration = np.moveaxis(motion, 2, 0)
+    drives = np.stack((np.sin(angle), np.cos(angle), rate, acceleration), axis=2)
+    real = np.float64 if task.precision == "double" else np.float32
+    table = np.column_stack((window, path, drives.reshape(task.steps, -1)))
+    body = build_chain(task.fish, Fin()).body_vector()
+    uniform = np.array([*body, task.step, _tow_speed(task)])
+    return np.asarray(table, dtype=real).ravel(), np.asarray(uniform, dtype=real)
 
 
 def _lane_figures(task: _Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
@@ -261,18 +268,13 @@ def _lane_figures(task: _Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArr
     chunks = -(-count // form.lanes)
     padded = np.minimum(np.arange(chunks * form.lanes), count - 1)
     parameters = np.array(columns, dtype=real)[:, padded].reshape(len(columns), chunks, form.lanes)
-    uniform = np.array([*vars(_lane_body(task)).values(), task.step, _tow_speed(task)], dtype=real)
     results = np.empty(chunks * len(kernel.results) * form.lanes, dtype=real)
-    table = task.table().astype(real).ravel()
+    table, uniform = _shared(task)
     kernel.advance(
         np.ascontiguousarray(parameters.swapaxes(0, 1)).ravel(), table, uniform, results, 0, chunks, task.steps
     )
     by_fish = results.reshape(chunks, -1, form.lanes).swapaxes(0, 1).reshape(-1, chunks * form.lanes)[:, :count]
     return _figures(task, dict(zip(kernel.results, by_fish.astype(float), strict=True)))
-
-
-def _lane_body(task: _Task) -> LaneBody:
-    return LaneBody(*map(float, build_chain(task.fish, Fin()).body_vector()))
 
 
 def _tow_speed(task: _Task) -> float:
@@ -327,6 +329,7 @@ def _general_figures(task: _Task, fin: Fin) -> NDArray[np.float64]:
     return np.array([figures[name] for name in _FIGURES])
 
 
+@lru_cache(maxsize=64)
 def _task(
     fish: Fish,
     gait: Gait,

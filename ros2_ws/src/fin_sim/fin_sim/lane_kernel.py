@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import os
 import sys
 import tempfile
 from dataclasses import dataclass, fields
@@ -27,9 +28,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-import numba
-
-import fin_sim.compiled  # noqa: F401  (chooses the cache folder before numba is imported)
 from fin_sim.lane_equations import (
     DOUBLE,
     SINGLE,
@@ -275,11 +273,12 @@ def generate(form: Form) -> LaneKernel:
 def _load(source: str) -> Any:
     """Return the module of generated code, from a file where that can be kept, so that its machine code is kept too."""
     name = "lanes_" + hashlib.sha256(source.encode()).hexdigest()[:16]
-    folder: str = numba.config.CACHE_DIR  # type: ignore[attr-defined]  # its attributes are made at run time
+    folder = os.environ.get("NUMBA_CACHE_DIR")  # set where `compiled` found a folder
     if not folder:
         module = ModuleType(name)
         exec(compile(source, name, "exec"), module.__dict__)  # noqa: S102  (our own code, made just above)
         return module
+    Path(folder).mkdir(parents=True, exist_ok=True)
     path = Path(folder) / f"{name}.py"
     if not path.is_file() or path.read_text(encoding="utf-8") != source:
         with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
