@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from fin_optimizer import trial as trial_module
 from fin_optimizer.score import Measurement
 from fin_optimizer.trial import PHASES, Action, Outcome, Reply, Result, Timeouts, Trial
 from fin_plant.plant_state import PlantState, State
@@ -215,6 +216,24 @@ def test_a_fault_of_an_earlier_trial_is_cleared_first() -> None:
     assert rehearsal.actions == [Action.RECOVER]
     rehearsal.update(11.0)
     assert "says FAULT (not finite), needed is READY" in rehearsal.failure
+
+
+@pytest.mark.parametrize(
+    ("said", "value", "same"),
+    [
+        ("1200000000.0", 1.2e9, True),
+        ("3", 3, True),
+        ("between", "between", True),
+        ("[]", [], True),
+        ("[0.25, 0.5]", (0.25, 0.5), True),
+        ("[0.25]", [0.5], False),
+        ("1200000000.1", 1.2e9, False),
+        ("", 1.0, False),
+        ("nan", 1.0, False),
+    ],
+)
+def test_the_fin_mounted_is_compared_value_by_value(said: str, value: Any, same: bool) -> None:
+    assert trial_module._same(said, value) is same
 
 
 def test_a_refused_fin_is_infeasible_with_the_plants_reason() -> None:

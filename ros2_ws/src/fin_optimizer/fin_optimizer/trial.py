@@ -8,6 +8,7 @@ missing; then the gait is switched off and the bag is closed, whatever the phase
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Protocol
@@ -381,9 +382,10 @@ def _same(text: str, value: Value) -> bool:
     if isinstance(value, str):
         return text == value
     try:
-        return float(text) == value
+        said = json.loads(text)
     except ValueError:
         return False
+    return bool(said == (list(value) if isinstance(value, list | tuple) else value))
 
 
 def _wrong(trial: Trial, facts: Facts) -> list[str]:
