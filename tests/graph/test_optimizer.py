@@ -150,7 +150,7 @@ def test_a_signal_in_the_middle_leaves_every_bag_readable_and_the_journal_comple
     study = start_bringup(start, folder, "trials:=1000", "speed:=4")
     study.wait_for_output("trial 0001")
     # The third swim is under way when its bag has its first chunk, which is written once a second.
-    wait_until(lambda: list(folder.glob("bags/trial_0002/*.mcap")), 20, "the third trial's bag")
+    wait_until(lambda: list(folder.glob("bags/trial_0002_*/*.mcap")), 20, "the third trial's bag")
     study.signal(number)
     assert study.wait(30) == code
     assert not study.group_alive()
