@@ -93,7 +93,9 @@ def _with(content: dict[str, Any], *keys: object, value: object) -> dict[str, An
         (("colour",), "red", "case has unknown colour"),
     ],
 )
-def test_bad_case_is_refused_by_name(content: dict[str, Any], keys: tuple[object, ...], value: object, message: str) -> None:
+def test_bad_case_is_refused_by_name(
+    content: dict[str, Any], keys: tuple[object, ...], value: object, message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         case_files.parse_case(_with(content, *keys, value=value))
 

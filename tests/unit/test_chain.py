@@ -10,7 +10,7 @@ import pytest
 
 from fin_plant.fin import Fin, ProfiledFin
 from fin_sim import chain as tables
-from fin_sim.chain import Chain, build_chain, fin_links
+from fin_sim.chain import REACTIVE_FORMS, Chain, build_chain, fin_links
 from fin_sim.fish import Body, Link, Water, ellipsoid_added_mass_factors
 from fin_sim.swim import PAPER_FISH, swim
 
@@ -32,8 +32,10 @@ def test_hinges_at_midpoints_make_half_links_at_both_ends() -> None:
 def test_straight_edges_written_as_a_profile_are_the_same_chain() -> None:
     straight = Fin(tip_height=0.05, segments=5, hinges="midpoint")
     points = (0.37, 0.81)
-    values = {name: value for name, value in vars(straight).items()}
-    written = ProfiledFin(**values, profile_position=points, profile_height=tuple(straight.height_at(p * 0.08) for p in points))
+    values = dict(vars(straight))
+    written = ProfiledFin(
+        **values, profile_position=points, profile_height=tuple(straight.height_at(p * 0.08) for p in points)
+    )
     one, other = (build_chain(PAPER_FISH, fin).link_table() for fin in (straight, written))
     assert np.abs(one - other).max() < 1e-12
 
@@ -45,13 +47,18 @@ def test_profile_keeps_area_and_mass_whatever_the_segments() -> None:
         )
         table = build_chain(PAPER_FISH, fin).link_table()
         assert table[:, tables.SOLID_0].sum() == pytest.approx(fin.area * fin.thickness * fin.density)
-        root, tip = table[:, tables.ROOT_HEIGHT], table[:, tables.ROOT_HEIGHT] + table[:, tables.HEIGHT_SLOPE] * table[:, tables.LENGTH]
+        root, tip = (
+            table[:, tables.ROOT_HEIGHT],
+            table[:, tables.ROOT_HEIGHT] + table[:, tables.HEIGHT_SLOPE] * table[:, tables.LENGTH],
+        )
         assert min(root.min(), tip.min()) >= -1e-15
         assert np.sum(0.5 * (root + tip) * table[:, tables.LENGTH]) == pytest.approx(fin.area)
 
 
 def test_profiled_fin_swims_like_the_profile_finely_cut() -> None:
-    fin = ProfiledFin(height=0.015, tip_height=0.015, profile_position=(0.55,), profile_height=(0.035,), hinges="midpoint")
+    fin = ProfiledFin(
+        height=0.015, tip_height=0.015, profile_position=(0.55,), profile_height=(0.035,), hinges="midpoint"
+    )
     coarse, fine = (swim(replace(fin, segments=count)).mean_speed for count in (8, 20))
     assert coarse == pytest.approx(fine, rel=0.02)
 
@@ -128,6 +135,6 @@ def test_body_that_cannot_be_is_refused(name: str, value: float) -> None:
 
 
 def test_fin_that_ends_in_a_point_swims_in_both_forms() -> None:
-    for reactive in ("tip", "distributed"):
+    for reactive in REACTIVE_FORMS:
         result = swim(Fin(tip_height=0.0, segments=5), reactive=reactive, duration=4.0)  # type: ignore[arg-type]
         assert np.isfinite(result.joint_angles).all()

@@ -108,6 +108,8 @@ def test_a_profiled_fin_and_its_parameters_are_the_same_thing() -> None:
         ((math.nan,), (0.02,), "fin.profile_position = nan"),
     ],
 )
-def test_a_profile_that_cannot_be_is_refused(position: tuple[float, ...], height: tuple[float, ...], message: str) -> None:
+def test_a_profile_that_cannot_be_is_refused(
+    position: tuple[float, ...], height: tuple[float, ...], message: str
+) -> None:
     with pytest.raises(ValueError, match=message):
         ProfiledFin(profile_position=position, profile_height=height)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -24,6 +25,9 @@ from fin_sim.fish import ellipsoid_added_mass_factors
 from fin_sim.servo import Servo
 from fin_sim.swim import PAPER_FISH, Swim, swim
 from fin_sim.validation import convergence, equations
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 # Each example swims for some milliseconds; what is slow is the first call, which loads the compiled kernel.
 _QUICK = settings(deadline=None, max_examples=20, suppress_health_check=[HealthCheck.too_slow])
@@ -54,7 +58,7 @@ def fins(draw: st.DrawFn) -> Fin:
     )
 
 
-def _start(fin: Fin, gait: Gait, *, x: float = 0.0, y: float = 0.0, heading: float = 0.0) -> np.ndarray:
+def _start(fin: Fin, gait: Gait, *, x: float = 0.0, y: float = 0.0, heading: float = 0.0) -> NDArray[np.float64]:
     """Return the states of 2 s from a start elsewhere in the tank."""
     chain = build_chain(PAPER_FISH, fin)
     stepper = dynamics.Stepper(chain, 2e-3, 10)
@@ -74,7 +78,11 @@ def test_towed_plate_has_the_closed_forms_thrust_and_power(amplitude: float, fre
 
 @pytest.mark.parametrize(
     ("case", "thrust", "power"),
-    [((15.0, 0.9, 0.0), 1.706655e-3, 0.0), ((15.0, 0.9, 0.0305), 1.699160e-3, 0.104106e-3), ((30.0, 2.0, 0.1), 32.567549e-3, 6.570037e-3)],
+    [
+        ((15.0, 0.9, 0.0), 1.706655e-3, 0.0),
+        ((15.0, 0.9, 0.0305), 1.699160e-3, 0.104106e-3),
+        ((30.0, 2.0, 0.1), 32.567549e-3, 6.570037e-3),
+    ],
 )
 def test_closed_forms_have_the_published_values(case: tuple[float, float, float], thrust: float, power: float) -> None:
     mass = closed_forms.plate_virtual_mass(0.025)
@@ -151,7 +159,9 @@ def test_turned_and_shifted_start_turns_and_shifts_the_path(fin: Fin, heading: f
     gait = carangiform(math.radians(15.0), 0.9)
     here, there = _start(fin, gait), _start(fin, gait, x=x, y=y, heading=heading)
     cosine, sine = math.cos(heading), math.sin(heading)
-    turned = np.stack((x + cosine * here[:, 0] - sine * here[:, 1], y + sine * here[:, 0] + cosine * here[:, 1]), axis=1)
+    turned = np.stack(
+        (x + cosine * here[:, 0] - sine * here[:, 1], y + sine * here[:, 0] + cosine * here[:, 1]), axis=1
+    )
     assert np.abs(there[:, :2] - turned).max() < 1e-9
     assert np.abs(there[:, 2:] - here[:, 2:] - heading * (np.arange(here.shape[1] - 2) == 0)).max() < 1e-8
 
@@ -163,7 +173,9 @@ def test_no_energy_comes_from_nowhere(fin: Fin, frequency: float) -> None:
     budget = energy_budget(result)
     for loss in (budget.resistive, budget.dampers, budget.drag, budget.yaw_damping):
         assert loss.min() >= 0.0
-    balance = np.concatenate(([0.0], np.cumsum(0.5 * (budget.supplied - budget.lost)[1:] + 0.5 * (budget.supplied - budget.lost)[:-1])))
+    balance = np.concatenate(
+        ([0.0], np.cumsum(0.5 * (budget.supplied - budget.lost)[1:] + 0.5 * (budget.supplied - budget.lost)[:-1]))
+    )
     miss = budget.stored - budget.stored[0] - balance * 2e-3
     turnover = float(np.abs(budget.supplied).mean() * result.duration + budget.stored.max())
     # The trapezoids' own error; hinges that ring at more than 50 Hz are not resolved by the samples.
@@ -235,7 +247,9 @@ def test_kernel_gives_the_same_without_the_compiler() -> None:
         *compiled.joint_angles[-1],
         *compiled.force[-1],
     ]
-    paths = os.pathsep.join(str(Path(__file__).parents[2] / "ros2_ws" / "src" / name) for name in ("fin_plant", "fin_sim"))
+    paths = os.pathsep.join(
+        str(Path(__file__).parents[2] / "ros2_ws" / "src" / name) for name in ("fin_plant", "fin_sim")
+    )
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": paths}
     done = subprocess.run(
         [sys.executable, "-c", _WITHOUT_COMPILER], env=environment, capture_output=True, text=True, check=True

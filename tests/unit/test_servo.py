@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ import pytest
 from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive, gait_preset, sub_carangiform, three_level
 from fin_sim.servo import Servo, TailDrive
 from fin_sim.swim import SIMULATOR_PARAMETERS, swim
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 STEP = 5e-4
 SERVOS = [
@@ -20,20 +24,23 @@ SERVOS = [
 ]
 
 
-def _motion(servo: Servo, gait: Gait = PAPER_GAIT, duration: float = 4.0, slices: int = 1) -> np.ndarray:
+def _times(first: int, last: int) -> NDArray[np.float64]:
+    return np.array([STEP * index for index in range(first, last + 1)])
+
+
+def _motion(servo: Servo, gait: Gait = PAPER_GAIT, duration: float = 4.0, slices: int = 1) -> NDArray[np.float64]:
     follower = GaitFollower(len(gait.joints), 0.5)
     follower.command(gait, 0.0)
     drive = TailDrive(follower, servo)
     count = round(duration / STEP) // slices
-    parts = [drive.motion(STEP * np.arange(part * count, (part + 1) * count + 1)) for part in range(slices)]
+    parts = [drive.motion(_times(part * count, (part + 1) * count)) for part in range(slices)]
     return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
 
 
 def test_ideal_servo_does_what_the_gait_says() -> None:
     follower = GaitFollower(1, 0.5)
     follower.command(PAPER_GAIT, 0.0)
-    times = STEP * np.arange(8001)
-    assert np.array_equal(_motion(Servo()), follower.motion(times))
+    assert np.array_equal(_motion(Servo()), follower.motion(_times(0, 8000)))
 
 
 def test_lag_delays_by_itself() -> None:
@@ -83,9 +90,9 @@ def test_joint_goes_on_from_where_it_is_when_the_servo_changes() -> None:
     follower = GaitFollower(1, 0.5)
     follower.command(PAPER_GAIT, 0.0)
     drive = TailDrive(follower, Servo())
-    before = drive.motion(STEP * np.arange(2001))
+    before = drive.motion(_times(0, 2000))
     drive.servo = Servo(lag=0.05)
-    after = drive.motion(STEP * np.arange(2000, 2101))
+    after = drive.motion(_times(2000, 2100))
     assert after[0, 0, :2] == pytest.approx(before[-1, 0, :2])
 
 

@@ -72,7 +72,7 @@ class Case:
 def _object(where: str, value: object, allowed: set[str], required: set[str]) -> dict[str, Any]:
     if not isinstance(value, dict):
         msg = f"{where} must be an object with the keys {', '.join(sorted(required))}, got {value!r}"
-        raise ValueError(msg)  # noqa: TRY004  (bad input is a ValueError everywhere)
+        raise ValueError(msg)
     missing, unknown = required - value.keys(), value.keys() - allowed
     if missing or unknown:
         problem = f"lacks {', '.join(sorted(missing))}" if missing else f"has unknown {', '.join(sorted(unknown))}"
@@ -95,7 +95,7 @@ def _build(kind: type[ValueT], where: str, value: object) -> ValueT:
 def _array(where: str, value: object) -> list[object]:
     if not isinstance(value, list):
         msg = f"{where} must be a list, got {value!r}"
-        raise ValueError(msg)  # noqa: TRY004
+        raise ValueError(msg)
     return value
 
 

@@ -220,7 +220,7 @@ def fin_links(fin: Fin) -> tuple[tuple[Link, ...], tuple[bool, ...]]:
         hinges = [segment * (index + 0.5) for index in range(fin.segments)]
     ends = [0.0, *hinges, fin.length]
     links = []
-    for start, end in zip(ends[:-1], ends[1:], strict=True):
+    for start, end in pairwise(ends):
         stiffness = fin.hinge_stiffness(start) if start > 0.0 else 0.0
         points = fin.points_between(start, end) if isinstance(fin, ProfiledFin) else ()
         links.append(

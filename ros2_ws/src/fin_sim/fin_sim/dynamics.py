@@ -43,6 +43,8 @@ from fin_sim.compiled import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    Array = NDArray[np.float64]
+
 BODY_STATES = 6
 X, Y, HEADING, SURGE, SWAY, YAW_RATE = range(BODY_STATES)
 # What the kernel notes down beside a state: force of the water on the tail in tank axes, its convective and resistive
@@ -51,7 +53,6 @@ FORCE_X, FORCE_Y, CONVECTIVE_X, CONVECTIVE_Y, SERVO_POWER, RECORD_HEAD = range(6
 # Scratch of one link: sine and cosine of its angle, velocity of its joint, yaw rate; coupling of its articulated
 # inertia between force and turning (2), articulated moment of inertia, bias moment.
 SCRATCH_COLUMNS = 9
-
 
 
 @kernel
@@ -76,7 +77,17 @@ def _resistive_integrals(w: float, turn: float, length: float, height: float, sl
 
 
 @kernel
-def evaluate(state, drive, links, body, free, distributed, derivative, record, scratch):  # type: ignore[no-untyped-def]
+def evaluate(
+    state: Array,
+    drive: Array,
+    links: Array,
+    body: Array,
+    free: bool,
+    distributed: bool,
+    derivative: Array,
+    record: Array,
+    scratch: Array,
+) -> None:
     """Write the state's time derivative and the record of forces.
 
     Args:
@@ -135,9 +146,7 @@ def evaluate(state, drive, links, body, free, distributed, derivative, record, s
         hy -= normal_first * cosine
         it += m2 + links[k, SOLID_2]
         # Forces normal to the link and along it: convective and resistive.
-        resist, resist_moment = _resistive_integrals(
-            w, turn, length, links[k, ROOT_HEIGHT], links[k, HEIGHT_SLOPE]
-        )
+        resist, resist_moment = _resistive_integrals(w, turn, length, links[k, ROOT_HEIGHT], links[k, HEIGHT_SLOPE])
         cn = links[k, RESISTIVE] * resist
         ct = -links[k, RESISTIVE] * resist_moment
         ce = 0.0
@@ -173,9 +182,7 @@ def evaluate(state, drive, links, body, free, distributed, derivative, record, s
             scratch[k, 8] = pt
             px, py, pt = px + hx * bend, py + hy * bend, pt + it * bend
         else:
-            torque = (
-                -links[k, STIFFNESS] * state[BODY_STATES + k] - links[k, DAMPING] * state[BODY_STATES + count + k]
-            )
+            torque = -links[k, STIFFNESS] * state[BODY_STATES + k] - links[k, DAMPING] * state[BODY_STATES + count + k]
             inverse = 1.0 / it
             scratch[k, 8] = pt
             push = (torque - pt) * inverse
@@ -303,9 +310,8 @@ def exponential_functions(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float
     return tuple(result[:size, part * size : (part + 1) * size] for part in range(4))
 
 
-
 @kernel
-def _add_product(matrix, vector, result):  # type: ignore[no-untyped-def]
+def _add_product(matrix: Array, vector: Array, result: Array) -> None:
     """Add matrix @ vector to result; shapes (S, S), (S,), (S,)."""
     for row in range(result.shape[0]):
         total = 0.0
@@ -315,7 +321,20 @@ def _add_product(matrix, vector, result):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def integrate(state, motion, links, body, free, distributed, step, every, stiff, matrices, samples, records):  # type: ignore[no-untyped-def]
+def integrate(
+    state: Array,
+    motion: Array,
+    links: Array,
+    body: Array,
+    free: bool,
+    distributed: bool,
+    step: float,
+    every: int,
+    stiff: NDArray[np.int64],
+    matrices: Array,
+    samples: Array,
+    records: Array,
+) -> int:
     """Advance a chain through time and keep every so many states.
 
     Args:
@@ -370,9 +389,9 @@ def integrate(state, motion, links, body, free, distributed, step, every, stiff,
             _add_product(linear, part, rest[number])
             for i in range(stiff_count):
                 rest[number, i] = slope[number, stiff[i]] - rest[number, i]
-            if number == 3:
+            if number == 3:  # noqa: PLR2004  (the last of four stages)
                 break
-            reach = step if number == 2 else 0.5 * step
+            reach = step if number == 2 else 0.5 * step  # noqa: PLR2004
             for i in range(size):
                 stage[i] = state[i] + reach * slope[number, i]
             part[:] = 0.0
@@ -403,7 +422,7 @@ def integrate(state, motion, links, body, free, distributed, step, every, stiff,
             state[i] += step / 6.0 * (slope[0, i] + 2.0 * (slope[1, i] + slope[2, i]) + slope[3, i])
         for i in range(stiff_count):
             state[stiff[i]] = part[i]
-    return steps // every + 1
+    return int(steps // every + 1)
 
 
 class StepError(ArithmeticError):

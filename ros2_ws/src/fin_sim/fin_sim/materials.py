@@ -1,4 +1,4 @@
-"""Materials that fins are made of: a fin can be named by its material, and its range of stiffness is a range of speeds."""
+"""Materials that fins are made of: a fin can be named by its material, whose range of stiffness is one of speeds."""
 
 from __future__ import annotations
 

@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 _BEATS = 12
 
 
-def mean_thrust_held(fin: Fin, fish: Fish = PAPER_FISH, gait: Gait = PAPER_GAIT, *, reactive: Reactive = "tip") -> float:
+def mean_thrust_held(
+    fin: Fin, fish: Fish = PAPER_FISH, gait: Gait = PAPER_GAIT, *, reactive: Reactive = "tip"
+) -> float:
     """Return the mean thrust in N over whole beats of a fin without mass on a body that is held.
 
     Raises:

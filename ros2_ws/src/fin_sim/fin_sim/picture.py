@@ -51,12 +51,16 @@ def plot_swim(swim: Swim, path: Path) -> None:
     """
     figure, axes = new_figure(10.0, 7.0, 2, 2)
     course, speed, joints, power = axes.flat
-    course.plot(100.0 * swim.tip_path[:, 0], 100.0 * swim.tip_path[:, 1], color=FIN_COLOUR, lw=0.6, label="trailing edge")
+    course.plot(
+        100.0 * swim.tip_path[:, 0], 100.0 * swim.tip_path[:, 1], color=FIN_COLOUR, lw=0.6, label="trailing edge"
+    )
     course.plot(100.0 * swim.x, 100.0 * swim.y, color=BODY_COLOUR, label="centre of mass")
     course.set(xlabel="x, cm", ylabel="y, cm", title="Course", aspect="equal", adjustable="datalim")
     course.legend(frameon=False)
     speed.plot(swim.time, 100.0 * swim.surge, color=BODY_COLOUR)
-    speed.axhline(100.0 * swim.mean_speed, color=FIN_COLOUR, ls="--", label=f"mean over the run {100 * swim.mean_speed:.2f}")
+    speed.axhline(
+        100.0 * swim.mean_speed, color=FIN_COLOUR, ls="--", label=f"mean over the run {100 * swim.mean_speed:.2f}"
+    )
     speed.set(xlabel="time, s", ylabel="forward speed, cm/s", title="Forward speed")
     speed.legend(frameon=False)
     for index, (driven, angles) in enumerate(zip(swim.chain.driven, swim.joint_angles.T, strict=True), start=1):
@@ -100,7 +104,7 @@ def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path
 
 
 def _spans_decades(values: tuple[float, ...]) -> bool:
-    return min(values) > 0.0 and max(values) >= 20.0 * min(values)  # noqa: PLR2004
+    return min(values) > 0.0 and max(values) >= 20.0 * min(values)
 
 
 def check_animation(path: Path) -> None:

@@ -36,6 +36,7 @@ _SHORTEST_LAG, _LONGEST_LAG = 0.004, 1.0
 _MOTOR_FRACTION = 0.25
 # Largest step of the servo's own Runge-Kutta method over its shortest time constant: the error of a step is 1e-5.
 _LARGEST_STEP = 0.25
+_LAST_STAGE = 3  # of the classical Runge-Kutta method, counted from 0
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,17 @@ class Servo:
 
 
 @kernel
-def _follow(command, state, step, substeps, rate_limit, lag, motor_time, backlash, motion):  # type: ignore[no-untyped-def]
+def _follow(
+    command: NDArray[np.float64],
+    state: NDArray[np.float64],
+    step: float,
+    substeps: int,
+    rate_limit: float,
+    lag: float,
+    motor_time: float,
+    backlash: float,
+    motion: NDArray[np.float64],
+) -> None:
     """Let the joints follow a command.
 
     Args:
@@ -120,14 +131,15 @@ def _follow(command, state, step, substeps, rate_limit, lag, motor_time, backlas
                 ask[part] = min(max(ask[part - 1], at - half), at + half)
             angle_sum, rate_sum, rate_slope, bend_slope = 0.0, 0.0, rate, bend
             for stage in range(4):  # the classical Runge-Kutta method
-                weight = 1.0 if stage == 0 or stage == 3 else 2.0
+                weight = 2.0 if 0 < stage < _LAST_STAGE else 1.0
                 angle_sum += weight * rate_slope
                 rate_sum += weight * bend_slope
-                if stage == 3:
+                if stage == _LAST_STAGE:
                     break
-                reach = step if stage == 2 else 0.5 * step
+                at_end = stage == _LAST_STAGE - 1
+                reach = step if at_end else 0.5 * step
                 new_angle, new_rate = angle + reach * rate_slope, rate + reach * bend_slope
-                now = ask[2] if stage == 2 else ask[1]
+                now = ask[2] if at_end else ask[1]
                 wanted = min(max((now - new_angle) / lag, -limit), limit)
                 rate_slope, bend_slope = new_rate, (wanted - new_rate) / motor_time
             angle += step / 6.0 * angle_sum

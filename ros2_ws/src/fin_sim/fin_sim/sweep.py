@@ -158,10 +158,7 @@ def parse_axis(text: str) -> Axis:
             msg = f"sweep over {name}: it is no number; sweep over one that is"
             raise ValueError(msg)
     try:
-        if ":" in rule:
-            values = _spaced(rule.split(":"))
-        else:
-            values = tuple(float(part) for part in rule.split(","))
+        values = _spaced(rule.split(":")) if ":" in rule else tuple(map(float, rule.split(",")))
     except ValueError as error:
         msg = f"sweep {text!r} must read {name}=FIRST:LAST:COUNT[:log] or {name}=VALUE,VALUE,...: {error}"
         raise ValueError(msg) from None
@@ -173,7 +170,9 @@ def _spaced(parts: list[str]) -> tuple[float, ...]:
     if len(parts) != 3 and not logarithmic:  # noqa: PLR2004
         msg = "three numbers, and log or nothing"
         raise ValueError(msg)
-    first, last = (checks.number(f"{end} value", float(part)) for end, part in zip(("first", "last"), parts, strict=False))
+    first, last = (
+        checks.number(f"{end} value", float(part)) for end, part in zip(("first", "last"), parts, strict=False)
+    )
     count = checks.whole_number("count", float(parts[2]), 2, _LARGEST_SWEEP)
     if logarithmic and min(first, last) <= 0.0:
         msg = "a logarithmic sweep needs values above 0"

@@ -62,7 +62,7 @@ def swim_chain(
         chain=chain,
         gait=gait,
         ramp_time=ramp_time,
-        time=stepper.sample_time * np.arange(samples + 1),
+        time=np.linspace(0.0, duration, samples + 1),
         x=states[:, dynamics.X],
         y=states[:, dynamics.Y],
         heading=states[:, dynamics.HEADING],

@@ -10,7 +10,7 @@ import math
 import os
 import sys
 import tempfile
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -62,8 +62,16 @@ def _parser() -> argparse.ArgumentParser:
     what.add_argument("--case", type=Path, metavar="FILE", help="a case file, JSON, with every parameter")
     what.add_argument("--material", metavar="NAME", help="material of the fin: its softest and stiffest grade swim")
     what.add_argument("--shape", choices=sorted(SHAPES), help="straight edges at the length and area that the fin has")
-    what.add_argument("--params-file", type=Path, metavar="FILE", help="parameters as the node's --params-file takes them")
-    what.add_argument("--sweep", action="append", default=[], metavar="NAME=RANGE", help="FIRST:LAST:COUNT[:log] or A,B,C; once or twice")
+    what.add_argument(
+        "--params-file", type=Path, metavar="FILE", help="parameters as the node's --params-file takes them"
+    )
+    what.add_argument(
+        "--sweep",
+        action="append",
+        default=[],
+        metavar="NAME=RANGE",
+        help="FIRST:LAST:COUNT[:log] or A,B,C; once or twice",
+    )
     gait = parser.add_argument_group("gait and run")
     defaults = {item.name: item.default for item in fields(Plan)}
     choices = {"gait": ("carangiform", "sub_carangiform"), "reactive": REACTIVE_FORMS, "clamp": CLAMPS}
@@ -202,10 +210,8 @@ def _trajectory(swim: Swim, target: str, every: int) -> None:
 def _figures(swim: Swim) -> dict[str, float | None]:
     figures = {figure.name: figure.of(swim) for figure in FIGURES}
     common = {"mean_speed": swim.mean_speed, "final_psi": float(swim.heading[-1])}
-    try:
+    with suppress(ValueError):  # held or towed for less than two beats: the means are left out
         common = case_files.summary(swim)
-    except ValueError:  # held or towed for less than two beats: the means are left out
-        pass
     return {**figures, **common}
 
 
@@ -335,7 +341,10 @@ def _run(options: argparse.Namespace) -> None:
             raise ValueError(msg)
         _run_sweep(plan, axes, options)
         return
-    body = (PARAMETERS[name].check(plan.values.get(name, PARAMETERS[name].default)) for name in ("body.length", "body.width"))
+    body = (
+        PARAMETERS[name].check(plan.values.get(name, PARAMETERS[name].default))
+        for name in ("body.length", "body.width")
+    )
     length, width = (cast("float", value) for value in body)
     _one(plan.swim(), options, (length, width), 1)
 

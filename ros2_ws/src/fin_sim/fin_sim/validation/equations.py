@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.integrate import cumulative_simpson
@@ -11,11 +12,14 @@ from scipy.integrate import cumulative_simpson
 from fin_plant.fin import Fin
 from fin_plant.gait import Gait, JointDrive, carangiform
 from fin_sim import closed_forms, dynamics
-from fin_sim.chain import Chain
+from fin_sim.chain import Chain, Reactive
 from fin_sim.energy import energy_budget
 from fin_sim.fish import Body, Link, Water, ellipsoid_added_mass_factors
 from fin_sim.swim import PAPER_FISH, swim, swim_chain
 from fin_sim.validation.page import Check, Section
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 PLATES = ((15.0, 0.9, 0.0), (15.0, 0.9, 0.0305), (30.0, 2.0, 0.10))
 """Amplitude in degrees, frequency in Hz, speed in m/s of the towed plates."""
@@ -53,21 +57,28 @@ def plate_errors(amplitude: float, frequency: float, speed: float) -> tuple[floa
 
 
 def tip_power_excess() -> float:
-    """Return by how much the papers' force at the tip overstates the power of the plate towed at 3.05 cm/s, relative."""
+    """Return by how much of itself the force at the tip overstates the power of the plate towed at 3.05 cm/s."""
     link = Link(PLATE_LENGTH, PLATE_HEIGHT, PLATE_HEIGHT)
     powers = []
-    for reactive in ("tip", "distributed"):
-        chain = Chain(_BODY, (link,), (True,), Water(1000.0, 0.0), reactive, "towed", 0.0305)  # type: ignore[arg-type]
+    forms: tuple[Reactive, ...] = ("tip", "distributed")
+    for reactive in forms:
+        chain = Chain(_BODY, (link,), (True,), Water(1000.0, 0.0), reactive, "towed", 0.0305)
         gait = carangiform(math.radians(15.0), 0.9)
         powers.append(swim_chain(chain, gait, 4.0, ramp_time=0.0).mean_servo_power)
     return powers[0] / powers[1] - 1.0
 
 
-def towed_energy_error(reactive: str = "distributed") -> float:
-    """Return how far the energy balance of a flexible tapered fin under tow misses over whole beats, relative to power."""
+def towed_energy_error(reactive: Reactive = "distributed") -> float:
+    """Return the miss of the energy balance of a flexible fin under tow over whole beats, relative to power."""
     fin = Fin(tip_height=0.045, height=0.015, segments=6, hinges="midpoint", density=0.0)
     result = swim(
-        fin, PAPER_FISH, duration=20.0 / 0.9, reactive=reactive, clamp="towed", tow_speed=0.05, step=5e-4  # type: ignore[arg-type]
+        fin,
+        PAPER_FISH,
+        duration=20.0 / 0.9,
+        reactive=reactive,
+        clamp="towed",
+        tow_speed=0.05,
+        step=5e-4,
     )
     budget = energy_budget(result)
     lost, supplied = result.beat_mean(budget.lost), result.beat_mean(budget.supplied)
@@ -83,7 +94,7 @@ def free_energy_error(fin: Fin, duration: float = 10.0, step: float = 1e-3) -> f
     return float(np.abs(budget.stored - budget.stored[0] + lost - supplied).max() / np.abs(supplied).max())
 
 
-def coast(body: Body, start: tuple[float, float, float], duration: float, step: float) -> np.ndarray:
+def coast(body: Body, start: tuple[float, float, float], duration: float, step: float) -> NDArray[np.float64]:
     """Return the states, shape (S, 8), of a body without a tail from the start velocities surge, sway, yaw rate."""
     chain = Chain(body, (_NO_TAIL,), (True,), Water(1000.0, 0.0))
     stepper = dynamics.Stepper(chain, step, every=max(1, round(duration / step / 1000)))

@@ -143,10 +143,10 @@ def identify(swims: list[Measured], frequency: float) -> NDArray[np.float64]:
     """Return the numbers of `predict` that fit the swims best."""
     found = least_squares(
         _residuals,
-        _START,
-        bounds=(_LOW, _HIGH),
-        x_scale=(0.3, 0.3, 0.3, 0.1),
-        diff_step=1e-3,
+        np.array(_START),
+        bounds=(np.array(_LOW), np.array(_HIGH)),
+        x_scale=np.array((0.3, 0.3, 0.3, 0.1)),
+        diff_step=np.full(len(_START), 1e-3),
         max_nfev=15,
         args=(swims, frequency),
     )
@@ -194,7 +194,9 @@ def section(data: Path, figures: Path) -> Section:
     speed, turn = _errors(numbers, others, frequency)
     mean_speed = float(np.mean([swim.speed for swim in others]))
     mean_turn = float(np.mean([abs(swim.turning_rate) for swim in others if swim.bias]))
-    atbound = [n for n, v, lo, hi in zip(_NAMES, numbers, _LOW, _HIGH, strict=True) if min(v - lo, hi - v) < 1e-3 * (hi - lo)]
+    atbound = [
+        n for n, v, lo, hi in zip(_NAMES, numbers, _LOW, _HIGH, strict=True) if min(v - lo, hi - v) < 1e-3 * (hi - lo)
+    ]
     bound = f" At the bound of what it was allowed: {', '.join(atbound)}." if atbound else ""
     checks = [
         Check("18 predicted swims: speed, root mean square error over the mean", speed / mean_speed, 0.2),
@@ -203,7 +205,8 @@ def section(data: Path, figures: Path) -> Section:
     text = f"""
 27 logged swims of a robotic fish with one servo and a rigid tail (`tests/data/tail_actuated_fish_swims`). Compared are
 the means over each swim's second half, started at the logged speed, since many are still accelerating. The beat
-frequency is not the 1 Hz that was published: the yaw rate of the straight swims peaks at {frequency:.2f} Hz, which is taken
+frequency is not the 1 Hz that was published: the yaw rate of the straight swims peaks at {frequency:.2f} Hz, which
+is taken
 here. Body (0.725 kg, added masses 0.217 and 0.789 kg, inertias 2.66e-3 and 7.93e-4 kg m^2, joint at 10.5 cm) and tail
 (7.1 by 4.0 cm) are those that Wang & Tan (IEEE Transactions on Robotics 31, 2015, 906) give for such a fish of the same
 laboratory, quoted without having the paper at hand; the data do not say that it is the same one. C_N = 1. Identified on
@@ -217,9 +220,12 @@ Errors (root mean square): fitted swims {100.0 * fit[0]:.2f} cm/s and {fit[1]:.3
 degrees, which nothing was fitted to, {100.0 * speed:.2f} cm/s of {100.0 * mean_speed:.1f} and {turn:.3f} rad/s of
 {mean_turn:.2f} (with the published numbers {100.0 * unfitted[0]:.1f} cm/s and {unfitted[1]:.2f} rad/s).{bound}
 
-What this shows: speed over amplitude, turning over bias and their signs follow from the equations. What it does not: the
-identified numbers carry whatever the assumed geometry has wrong. The drag area is far below what a hull of that size has
-and is poorly determined, since the swims are short and still accelerating: the computed thrust is probably too small, and
+What this shows: speed over amplitude, turning over bias and their signs follow from the equations. What it does not:
+the
+identified numbers carry whatever the assumed geometry has wrong. The drag area is far below what a hull of that size
+has
+and is poorly determined, since the swims are short and still accelerating: the computed thrust is probably too
+small, and
 the fastest swims are still computed too slow. Lift and yaw damping trade against each other. The fish turns
 differently to the left and to the right at large bias, which the offset of the bias does not explain."""
     caption = "Computed over measured means of the second half; the grey line is agreement."

@@ -83,7 +83,7 @@ def fit_model(points: Curve) -> tuple[float, Curve]:
     """Return S C_D in m^2 that gives the model's stiffest point, and the curve that follows."""
     stiff = mean_thrust_held(Fin(young_modulus=float(points.modulus[-1])))
     drag_area = 2.0 * stiff / (1000.0 * float(points.speed[-1]) ** 2)
-    grid = np.append(_GRID[_GRID < points.modulus[-1]], points.modulus[-1])
+    grid = np.append(_GRID[points.modulus[-1] > _GRID], points.modulus[-1])
     thrusts = [mean_thrust_held(Fin(young_modulus=float(modulus))) for modulus in grid]
     return drag_area, Curve(grid, np.array([speed_from_thrust(thrust, drag_area) for thrust in thrusts]))
 
@@ -97,7 +97,7 @@ def fit_simulation(points: Curve) -> tuple[float, Curve]:
 
     drag_area = float(brentq(miss, 1e-4, 0.1, xtol=1e-7))
     fish = with_drag_area(drag_area)
-    grid = np.append(_GRID[_GRID < points.modulus[-1]], points.modulus[-1])
+    grid = np.append(_GRID[points.modulus[-1] > _GRID], points.modulus[-1])
     speeds = [simulation(Fin(young_modulus=float(modulus)), fish).mean_speed for modulus in grid]
     return drag_area, Curve(grid, np.array(speeds))
 
@@ -135,8 +135,14 @@ def _draw(path: Path, points: dict[str, Curve], model: Curve, simulated: Curve) 
     figure, axes = new_figure(9.0, 4.8)
     panel = axes[0, 0]
     panel.plot(1e-9 * model.modulus, 100.0 * model.speed, color=BODY_COLOUR, label="this model, fitted at 4.75 GPa")
-    panel.plot(1e-9 * simulated.modulus, 100.0 * simulated.speed, color=FIN_COLOUR, label="this simulation, fitted at 5 GPa")
-    for name, colour, marker in (("model", BODY_COLOUR, "o"), ("simulation", FIN_COLOUR, "s"), ("physical", TAIL_COLOUR, "^")):
+    panel.plot(
+        1e-9 * simulated.modulus, 100.0 * simulated.speed, color=FIN_COLOUR, label="this simulation, fitted at 5 GPa"
+    )
+    for name, colour, marker in (
+        ("model", BODY_COLOUR, "o"),
+        ("simulation", FIN_COLOUR, "s"),
+        ("physical", TAIL_COLOUR, "^"),
+    ):
         curve = points[name]
         label = f"published: {name}" if name != "physical" else "published: fish with VeroWhite"
         panel.plot(1e-9 * curve.modulus, 100.0 * curve.speed, marker, color=colour, label=label, ls="")
@@ -158,15 +164,15 @@ def section(data: Path, figures: Path) -> Section:
     rows = []
     for name, curve in (("model", model), ("simulation", simulated)):
         theirs = points[name]
+        drive = PAPER_GAIT.joints[0].frequency
+        resonance = [best_fin_frequency(each.best[0]) / drive for each in (theirs, curve)]
         miss = 100.0 * np.sqrt(np.mean((curve.at(theirs.modulus) - theirs.speed)[:-1] ** 2))
         rows += [
             f"| {name}: E of the fastest fin, GPa | {1e-9 * theirs.best[0]:.2f} | {1e-9 * curve.best[0]:.2f} |",
             f"| {name}: its speed, cm/s | {100.0 * theirs.best[1]:.2f} | {100.0 * curve.best[1]:.2f} |",
             f"| {name}: fastest over stiff end | {theirs.ratio:.2f} | {curve.ratio:.2f} |",
             f"| {name}: root mean square of the predicted points' errors, cm/s | | {miss:.2f} |",
-            f"| {name}: first bending frequency of its fastest fin over the drive's | "
-            f"{best_fin_frequency(theirs.best[0]) / PAPER_GAIT.joints[0].frequency:.2f} | "
-            f"{best_fin_frequency(curve.best[0]) / PAPER_GAIT.joints[0].frequency:.2f} |",
+            f"| {name}: fastest fin's bending frequency over the drive's | {resonance[0]:.2f} | {resonance[1]:.2f} |",
         ]
     ratio_theirs = points["model"].best[1] / points["simulation"].best[1]
     same = simulation(Fin(young_modulus=model.best[0]), with_drag_area(model_area), duration=40.0)
@@ -188,19 +194,25 @@ damping time 0.01 s, and 0.208 mm of thickness.
 
 **What agrees.** There is one optimum and it is inside the range of E; the first bending frequency of the fastest fin
 lies within a third of the drive's in both models, here and published; stiffer fins fall towards the plate's thrust; the
-model is faster than the simulation: {100.0 * model.best[1]:.2f} cm/s against {100.0 * run:.2f} over 10 s with the same fin and
+model is faster than the simulation: {100.0 * model.best[1]:.2f} cm/s against {100.0 * run:.2f} over 10 s with the
+same fin and
 S C_D. A free fish's acceleration explains the smaller part of that (its steady speed is {100.0 * same.steady_speed:.2f}
 cm/s), its recoil, which takes angle from the tail, the larger.
 
 **What does not.** The model's optimum lies at {1e-9 * model.best[0]:.2f} GPa, the published one at
 {1e-9 * points["model"].best[0]:.2f}: since only K counts, the model's curve asks for a
-fin of {1e3 * Fin().thickness / stiffness:.3f} mm in place of {1e3 * Fin().thickness:.3f} (or another frequency); the thickness
-that the papers print (1 mm) fits neither. Below the optimum the published model loses speed far more slowly than this one: 3.21 cm/s at 0.23
-GPa against {100.0 * float(model.at(np.array([0.23e9]))[0]):.2f} here. Damping or resistive force of another form on soft
-fins would do that; neither paper states them. The simulation's optimum falls between the papers' two statements (0.9 and
+fin of {1e3 * Fin().thickness / stiffness:.3f} mm in place of {1e3 * Fin().thickness:.3f} (or another frequency); the
+thickness
+that the papers print (1 mm) fits neither. Below the optimum the published model loses speed far more slowly than
+this one: 3.21 cm/s at 0.23
+GPa against {100.0 * float(model.at(np.array([0.23e9]))[0]):.2f} here. Damping or resistive force of another form on
+soft
+fins would do that; neither paper states them. The simulation's optimum falls between the papers' two statements (0.9
+and
 1.9 GPa), but is more pronounced than the published 1.29, and the soft fins swim up to twice as fast as published. The
 two fits ask for different S C_D, {simulation_area / model_area:.1f} to 1: no one drag area makes both published curves,
-so their model and simulation cannot have shared this one. The measured fish swims at 3.05 cm/s with a fin of 2.5 GPa, between the published model and
+so their model and simulation cannot have shared this one. The measured fish swims at 3.05 cm/s with a fin of 2.5
+GPa, between the published model and
 simulation.
 
 **Sensitivity.** Change of the paper fin's mean speed over 10 s (E = 1.2 GPa, `distributed`) when a number is half as
