@@ -418,11 +418,11 @@ def test_a_bag_without_score_says_why_and_the_others_are_scored(
     short = write_trial(tmp_path / "short", samples=900).path
     with BagWriter(tmp_path / "dry", TOPICS, METADATA) as writer:
         writer.write(VELOCITY.name, velocity(START, 0.0))
-    assert main([str(short), str(tmp_path / "dry"), str(tmp_path), str(trial)]) == 2
+    assert main([str(short), str(tmp_path / "dry"), str(tmp_path / "none"), str(trial)]) == 2
     captured = capsys.readouterr()
     assert "short: no velocity for 1.01 s from 8.99 s into the window" in captured.err
     assert "dry: plant_state tells 0 starts of a swim, needed is one" in captured.err
-    assert f"error: {tmp_path}: " in captured.err
+    assert f"error: {tmp_path / 'none'}: " in captured.err
     assert captured.out.count("\n") == 1
 
 

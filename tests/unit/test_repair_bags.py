@@ -104,7 +104,7 @@ def test_a_repair_that_is_itself_cut_short_is_made_again(
     _, whole = score_bag(swim)
     left_open(swim)
     with monkeypatch.context() as patch:
-        patch.setattr(repair_module.shutil, "rmtree", lambda *_, **__: None)
+        patch.setattr(shutil, "rmtree", lambda *_, **__: None)
         patch.setattr(repair_module, "_verify", None if after == "nothing" else lambda *_: None)
         if after == "nothing":
             with pytest.raises(TypeError):

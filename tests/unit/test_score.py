@@ -187,7 +187,7 @@ def test_too_few_samples_are_refused_with_the_number_needed() -> None:
 
 
 def test_arrays_that_do_not_fit_each_other_are_refused() -> None:
-    with pytest.raises(ScoreError, match=r"int64\(1001,\) and speeds float64\(1000,\)"):
+    with pytest.raises(ScoreError, match=r"int64\(1001,\) and values float64\(1000,\)"):
         score(EVEN, speed_of(EVEN)[1:], TEN_SECONDS)
     with pytest.raises(ScoreError, match="integer stamp"):
         score(EVEN.astype(float), speed_of(EVEN), TEN_SECONDS)

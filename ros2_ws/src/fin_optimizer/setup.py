@@ -28,7 +28,11 @@ setup(
         "console_scripts": [
             "optimizer = fin_optimizer.optimizer:main",
             "bringup = fin_optimizer.bringup:main",
+            "export = fin_optimizer.export:main",
+            "play_bag = fin_optimizer.play_bag:main",
+            "repair_bags = fin_optimizer.repair_bags:main",
             "score_bag = fin_optimizer.score_bag:main",
+            "show_study = fin_optimizer.show_study:main",
             "campaign = fin_optimizer.campaign:main",
             "bench = fin_optimizer.bench:main",
         ],

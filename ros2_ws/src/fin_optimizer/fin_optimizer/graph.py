@@ -11,7 +11,7 @@ import difflib
 import json
 import re
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from fin_plant import checks
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
@@ -31,7 +31,7 @@ SIMULATOR = "simulator"
 _PLANT_LIMITS = ParameterTable({n: p for n, p in PLANT_PARAMETERS.items() if n not in FIN_PARAMETERS})
 # A study in the simulator should not take as long as one in a tank.
 _STUDY_DEFAULTS: dict[str, Value] = {"speed": 0.0}
-_NAMESPACE_PATTERN = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+NAMESPACE_PATTERN = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 @dataclass(frozen=True)
@@ -126,15 +126,15 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     """
     kind = _kind(given.get("plant", "sim"))
     namespace = given.get("namespace", NAMESPACE)
-    if not _NAMESPACE_PATTERN.fullmatch(namespace):
+    if not NAMESPACE_PATTERN.fullmatch(namespace):
         msg = f"namespace:={namespace} must be like {NAMESPACE} or /tank_a/fish: a slash, then letters, digits and _"
         raise ValueError(msg)
     values = {name: text for name, text in given.items() if name not in {"plant", "namespace"}}
     _refuse_unknown(values, (*OPTIMIZER_PARAMETERS, *kind.table))
-    return (
-        NodeSpec(kind.package, kind.executable, kind.name, namespace, _parameters(kind.table, values)),
-        NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values)),
-    )
+    optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
+    plant = _parameters(kind.table, values)
+    fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
+    return (*(NodeSpec(kind.package, kind.executable, kind.name, each, plant) for each in fish), optimizer)
 
 
 def _refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
@@ -163,6 +163,8 @@ def _value(parameter: Parameter, text: str) -> Value:
     if parameter.kind == "string":
         return parameter.check(text)
     try:
+        if parameter.kind == "string_array":
+            return parameter.check([word for word in re.split(r"[\[\],\s]+", text) if word])
         # JSON's numbers and truth values, and what people write for numbers besides: 1e9, .5
         value = json.loads(text.lower()) if parameter.kind != "double" else float(text)
     except ValueError:

@@ -1,7 +1,7 @@
 """A study's journal as a file: what a kill, a full disk or another version did to it, found before it is used.
 
-Each line is one operation of Optuna's journal storage, as JSON. Lines are only appended. Optuna ignores a last line that
-was cut short, but would then append to it and make both unreadable; here it is taken off first.
+Each line is one operation of Optuna's journal storage, as JSON, and lines are only appended. Optuna ignores a last line
+that was cut short, but would then append to it and make both unreadable; here it is taken off first.
 """
 
 from __future__ import annotations

@@ -38,10 +38,11 @@ class Observation:
         result: How the swim was scored, None before.
     """
 
-    def __init__(self, node: Node, plant: PlantClient, recorder: Recorder) -> None:
+    def __init__(self, node: Node, plant: PlantClient, recorder: Recorder, namespace: str) -> None:
         self._node = node
         self._client = plant
         self._recorder = recorder
+        self._namespace = namespace.rstrip("/")
         self.trial: Trial | None = None
         self.bag_error = ""
         self.result: Result | None = None
@@ -74,7 +75,7 @@ class Observation:
     @property
     def unmatched_topics(self) -> Sequence[str]:
         """Topics without publisher, and streams of which nothing has come yet: only that proves the way is open."""
-        there = [topic for topic in _RECORDED_IF_THERE if self._node.count_publishers(topic.name)]
+        there = [topic for topic in _RECORDED_IF_THERE if self._node.count_publishers(topic.name_in(self._namespace))]
         required = [*_ALWAYS_RECORDED, *there]
         silent = {t.name for t in required if t in _STREAMS and not self._recorder.received(t)}
         return [self._full(name) for name in sorted({*self._recorder.unmatched(required), *silent})]
@@ -99,4 +100,4 @@ class Observation:
         return self.bag_error or self._recorder.failure or ""
 
     def _full(self, name: str) -> str:
-        return str(self._node.resolve_topic_name(name))
+        return f"{self._namespace}/{name}"

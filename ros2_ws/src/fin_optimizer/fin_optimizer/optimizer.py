@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import sys
 import time
@@ -12,21 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
-from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from fin_optimizer import report
 from fin_optimizer.bag import BagError
 from fin_optimizer.curve import simulated_speed
+from fin_optimizer.disk_space import shortage
 from fin_optimizer.graph import OPTIMIZER, OPTIMIZER_PARAMETERS, SIMULATOR, SIMULATOR_PARAMETERS
-from fin_optimizer.observation import Observation
+from fin_optimizer.journal import StudyError
+from fin_optimizer.lane import Lane
 from fin_optimizer.plan import Plan
-from fin_optimizer.plant_client import PlantClient
 from fin_optimizer.progress import display, show_best
 from fin_optimizer.provenance import provenance
-from fin_optimizer.recorder import Recorder
-from fin_optimizer.score import ScoreError, score
-from fin_optimizer.trial import Action, Outcome, Result, Trial
+from fin_optimizer.repair_bags import repair_bags
+from fin_optimizer.study import front
+from fin_optimizer.trial import Outcome, Result
 from fin_plant import node_process, topics
 from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
@@ -37,16 +36,9 @@ if TYPE_CHECKING:
 
     from rclpy.publisher import Publisher
 
-    from fin_optimizer.study import TrialRecord
     from fin_plant.topics import Topic
 
-_GAIT_PERIOD = 0.25
-"""s; the plant's command_timeout is twice that."""
 _HEALTH_PERIOD = 1.0
-_LOOK_PERIOD = 0.02
-"""s between two looks at facts that come without a callback: the graph, and time itself."""
-_SWIM_LOOK_PERIOD = 0.002
-"""s between two looks at the newest velocity: a swim far faster than real time must not go on after its window."""
 _IDLE_PERIOD = 0.1
 _DISCOVERY = 0.5
 """s before the first trial: a second plant must have been seen before the first one is spoken to."""
@@ -63,7 +55,7 @@ class Mode(Enum):
 
 
 class Optimizer:
-    """The node: turns a trial's actions into messages, calls and files, and a trial's end into the next one."""
+    """The node: gives each fish its next trial, keeps the journal, and says how the study goes."""
 
     def __init__(self) -> None:
         """Declare parameters, open the study, offer topics and services.
@@ -76,19 +68,17 @@ class Optimizer:
         self._study = self._plan.study()
         self._mode = Mode.RUNNING if self._plan.values["autostart"] else Mode.HOLDING
         self._exit_code: int | None = None
-        self._trial: Trial | None = None
-        self._record: TrialRecord | None = None
         self._failures_in_a_row = 0
         self._asked_parameters = False
-        self._gait_due: float | None = None
-        self._health_due = self._look_due = 0.0
+        self._health_due = 0.0
         self._start_at = time.monotonic() + _DISCOVERY
-        self._plant = PlantClient(self.node)
-        self._recorder = Recorder(self.node)
-        self._facts = Observation(self.node, self._plant, self._recorder)
         self._metadata = self._study_metadata()
+        namespaces = self._plan.plants or [self.node.get_namespace()]
+        self._lanes = [Lane(self.node, namespace, self._plan, self._metadata) for namespace in namespaces]
+        self._left_out: dict[str, str] = {}
+        self._left_out_at = 0.0
         self._offer()
-        self._display = display(sys.stdout, self._total, self._study.settled())
+        self._display = display(sys.stdout, self._total, self._study.settled(), several=len(self._lanes) > 1)
         self._greet()
 
     @property
@@ -99,8 +89,6 @@ class Optimizer:
         def publisher(topic: Topic[Any]) -> Publisher:
             return self.node.create_publisher(topic.type, topic.name, topic.qos)
 
-        self._candidate_topic = publisher(topics.CANDIDATE)
-        self._score_topic = publisher(topics.SCORE)
         self._progress_topic = publisher(topics.PROGRESS)
         self._diagnostics_topic = publisher(topics.DIAGNOSTICS)
         self.node.create_service(Trigger, "~/start", self._on_start)
@@ -111,6 +99,8 @@ class Optimizer:
         self._display.say(f"study {_near(self._study.folder)}: {self._total} trials, seed {self._plan.count('seed')}")
         if done := len(self._study.trials):
             self._display.say(f"going on after {done} trials, {show_best(self._study.best())}")
+            for repair in repair_bags(self._study.folder, or_nothing=True):
+                self._display.say(f"note: {repair}")
         for note in self._study.notes:
             self._display.say(f"note: {note}")
 
@@ -142,163 +132,129 @@ class Optimizer:
 
     def step(self) -> float:
         """Do what is due; return how long the executor may wait for a callback."""
-        now = time.monotonic()
-        self._repeat_gait(now)
+        try:
+            return self._step(time.monotonic())
+        except StudyError as error:
+            self._give_up(str(error))
+            return _IDLE_PERIOD
+
+    def _step(self, now: float) -> float:
         if now >= self._health_due:
             self._health_due = now + _HEALTH_PERIOD
             self._publish_health()
+        wait = _IDLE_PERIOD
+        for lane in self._lanes:
+            wait = min(wait, lane.advance(now))
+            if lane.trial is not None and lane.trial.result is not None:
+                self._end_trial(lane, lane.trial.result)
+        if busy := [lane for lane in self._lanes if lane.trial is not None]:
+            self._display.show(busy[0].phase, busy[0].note)
         if self._mode is Mode.STOPPING:
             self._cancel("~/stop was called")
             self._finish(node_process.EXIT_OK)
-        elif self._trial is not None:
-            return self._advance(now, self._trial)
-        elif self._mode is Mode.PAUSING:
+        elif self._mode is Mode.PAUSING and not busy:
             self._mode = Mode.HOLDING
         elif self._mode is Mode.RUNNING and now >= self._start_at:
-            self._begin_trial()
-            return 0.0
-        return _IDLE_PERIOD
+            return self._begin_trials(wait)
+        return wait
 
-    def _advance(self, now: float, trial: Trial) -> float:
-        """Take the trial as far as the facts allow; return how long to wait for new ones."""
-        if self._plant.changed or now >= self._look_due:
-            self._plant.changed = False
-            before = None
-            while trial.result is None and trial.phase != before:
-                before = trial.phase
-                for action in trial.update(now, self._facts):
-                    self._carry_out(action)
-            period = _SWIM_LOOK_PERIOD if trial.window is not None else _LOOK_PERIOD
-            self._look_due = time.monotonic() + period
-            self._display.show(trial.phase, f"{trial.swum(self._facts):.0f} s" if trial.window is not None else "")
-        if trial.result is not None:
-            self._end_trial(trial.result)
-            return 0.0
-        return max(0.0, self._look_due - time.monotonic())
-
-    def _begin_trial(self) -> None:
+    def _begin_trials(self, wait: float) -> float:
+        """Give every fish without a trial its next one; return how long to wait then, in s."""
         if self._study.settled() >= self._total:
+            self._cancel("the study is complete")
             self._finish(node_process.EXIT_OK)
-            return
-        candidate, values = self._study.next_candidate(self._plan.search)
-        record = self._study.propose(candidate, values)
-        self._record = self._study.start(record.number)
-        self._facts.bag_error, self._facts.result = "", None
-        namespace = self.node.get_namespace()
-        self._trial = Trial(namespace, self._plan.fin_of(values), self._plan.measurement, self._plan.timeouts)
-        self._facts.trial = self._trial
-        self._look_due = 0.0
-        self._display.begin(self._record)
-        self._publish_candidate(self._record)
+            return _IDLE_PERIOD
+        for lane in self._lanes:
+            if lane.trial is not None or not self._takes_part(lane):
+                continue
+            if missing := shortage(self._study.folder, self._plan.number("disk.minimum_free")):
+                self._give_up(missing)
+                return _IDLE_PERIOD
+            following = self._study.next_candidate(self._plan.search, self._total)
+            if following is None:  # what it depends on is still swimming
+                break
+            record = self._study.propose(*following, lane.namespace)
+            lane.begin(self._study.start(record.number), self._study.folder)
+            self._display.begin(record)
+            wait = 0.0
+        if self._left_out and len(self._left_out) == len(self._lanes):
+            self._all_left_out()
+        return wait
 
-    def _end_trial(self, result: Result) -> None:
-        if self._record is None:
+    def _takes_part(self, lane: Lane) -> bool:
+        """Whether the fish gets trials. The only one always does: what ails it is the trial's to find and to tell."""
+        if len(self._lanes) == 1:
+            return True
+        trouble = lane.trouble
+        before = self._left_out.get(lane.namespace, "")
+        if trouble and not before:
+            self._left_out[lane.namespace] = trouble
+            self._left_out_at = time.monotonic()
+            self._display.say(f"{lane.namespace} does not take part: {trouble}")
+        elif before and not trouble:
+            del self._left_out[lane.namespace]
+            self._display.say(f"{lane.namespace} takes part")
+        return not trouble
+
+    def _all_left_out(self) -> None:
+        busy = any(lane.trial is not None for lane in self._lanes)
+        if not busy and time.monotonic() - self._left_out_at > self._plan.timeouts.find:
+            self._give_up(f"no fish is left: {'; '.join(self._left_out.values())}")
+
+    def _end_trial(self, lane: Lane, result: Result) -> None:
+        if lane.record is None:
             return
-        record = self._study.finish(self._record.number, result)
-        self._trial = self._facts.trial = self._record = None
+        record = self._study.finish(lane.record.number, result)
+        lane.end()
         self._display.end(record, self._study.settled(), self._study.best())
-        self._publish_candidate(record)
+        lane.publish_candidate(record)
         self._publish_progress()
         if record.score is not None:
-            self._score_topic.publish(Float64(data=record.score))
-            self._learn_simulator()
+            self._learn_simulator(lane)
         self._failures_in_a_row = self._failures_in_a_row + 1 if record.outcome is Outcome.FAILED else 0
-        if self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not record.interrupted:
-            self._display.say(f"error: {self._failures_in_a_row} trials in a row FAILED: the study is left here")
-            self._finish(node_process.EXIT_FAILURE)
+        stopped = self._mode not in {Mode.RUNNING, Mode.PAUSING}
+        if self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not stopped:
+            self._give_up(f"{self._failures_in_a_row} trials in a row FAILED")
 
-    def _learn_simulator(self) -> None:
+    def _learn_simulator(self, lane: Lane) -> None:
         """Ask a simulated plant, once, which fish it swims: the report draws the sweep of the same fish."""
-        simulated = self._plant.state is not None and self._plant.state.plant == SIMULATOR
+        simulated = lane.plant.state is not None and lane.plant.state.plant == SIMULATOR
         if simulated and not self._asked_parameters:
             self._asked_parameters = True
-            self._plant.ask_parameters(tuple(SIMULATOR_PARAMETERS))
+            lane.plant.ask_parameters(tuple(SIMULATOR_PARAMETERS))
 
     def _cancel(self, reason: str) -> None:
-        if self._trial is None:
+        for lane in self._lanes:
+            lane.cancel(reason)
+        for lane in self._lanes:
+            if lane.trial is not None and lane.trial.result is not None:
+                self._end_trial(lane, lane.trial.result)
+
+    def _give_up(self, why: str) -> None:
+        """Leave the study where it is, with every fish at rest, because it cannot go on."""
+        if self._mode is Mode.DONE:
             return
-        for action in self._trial.cancel(reason):
-            self._carry_out(action)
-        if self._trial.result is not None:
-            self._end_trial(self._trial.result)
-
-    # -- a trial's actions -------------------------------------------------------------------------------------------
-
-    def _carry_out(self, action: Action) -> None:
-        if self._trial is None or self._record is None:
-            return
-        match action:
-            case Action.SET_FIN:
-                self._plant.set_fin(self._trial.fin)
-            case Action.RESET | Action.RECOVER:
-                self._plant.reset()
-            case Action.GAIT_ON:
-                self._gait_due = 0.0
-                self._repeat_gait(time.monotonic())
-            case Action.GAIT_OFF:
-                self._gait_due = None
-                self._plant.send(self._plan.no_gait)
-            case Action.OPEN_BAG | Action.CLOSE_BAG:
-                try:
-                    if action is Action.OPEN_BAG:
-                        self._recorder.open(self._study.folder / self._record.bag, self._bag_metadata(self._record))
-                    else:
-                        self._recorder.close()
-                except BagError as error:
-                    self._facts.bag_error = str(error)
-            case Action.SCORE:
-                self._facts.result = self._scored(self._trial)
-
-    def _repeat_gait(self, now: float) -> None:
-        if self._gait_due is not None and now >= self._gait_due:
-            self._gait_due = now + _GAIT_PERIOD
-            self._plant.send(self._plan.gait)
-
-    def _scored(self, trial: Trial) -> Result:
-        if trial.window is None:
-            return Result(Outcome.FAILED, "the fish never swam")
-        try:
-            scored = score(*self._recorder.velocity_samples(), trial.window, block=self._plan.measurement.block)
-        except ScoreError as error:
-            return Result(Outcome.FAILED, error.reason)
-        spread = scored.spread if math.isfinite(scored.spread) else None
-        return Result(Outcome.OK, score=scored.value, spread=spread, samples=scored.samples)
+        self._mode = Mode.DONE
+        self._display.say(f"error: {why}: the study is left here")
+        for lane in self._lanes:
+            lane.cancel(why)
+        with contextlib.suppress(StudyError):  # the same disk may refuse the same again
+            self._cancel(why)
+        self._finish(node_process.EXIT_FAILURE)
 
     def _study_metadata(self) -> dict[str, str]:
         settings = {f"study.{name}": str(value) for name, value in self._study.settings.flat().items()}
         gait = {f"gait.joint_{i}": repr(joint) for i, joint in enumerate(self._plan.gait.joints, start=1)}
         return {**provenance(), **settings, **gait, **self._plan.measurement.metadata()}
 
-    def _bag_metadata(self, record: TrialRecord) -> dict[str, str]:
-        state = self._plant.state
-        trial = {"trial.number": str(record.number), "trial.candidate": str(record.candidate)}
-        plant = {"plant": state.plant, **state.fin} if state is not None else {}
-        return {**trial, **plant, **self._metadata}
-
     # -- reports -----------------------------------------------------------------------------------------------------
-
-    def _publish_candidate(self, record: TrialRecord) -> None:
-        values = {
-            "trial": record.number,
-            "candidate": record.candidate,
-            **record.values,
-            "outcome": record.outcome.value,
-        }
-        if record.score is not None:
-            values["score [m/s]"] = record.score
-        if record.reason:
-            values["reason"] = record.reason
-        level = DiagnosticStatus.WARN if record.outcome in {Outcome.FAILED, Outcome.INFEASIBLE} else DiagnosticStatus.OK
-        shown = f"trial {record.number}: {report.show_values(record.values)}"
-        self._candidate_topic.publish(
-            DiagnosticStatus(level=level, name="candidate", message=shown, values=key_values(values))
-        )
 
     def _progress_values(self) -> dict[str, object]:
         best = self._study.best()
         values: dict[str, object] = {
             "mode": self._mode.value,
-            "phase": self._trial.phase if self._trial is not None else "",
+            "phase": ", ".join(lane.phase for lane in self._lanes if lane.trial is not None),
+            "left out": ", ".join(self._left_out),
             "candidates_settled": self._study.settled(),
             "candidates_wanted": self._total,
             "trials": len(self._study.trials),
@@ -329,13 +285,13 @@ class Optimizer:
         self._mode = Mode.DONE
         self._publish_progress()
         self._display.close()
-        self._write_table()
+        self._write_report()
         best = self._study.best()
         if best is not None and best.score is not None:
-            self._draw()
             scored = sum(trial.score is not None for trial in self._study.trials)
             words = f"{report.show_values(best.values)} swims {report.show_speed(best.score)}"
             self._display.say(f"best of {scored} trials: {words}")
+            self._say_front()
         else:
             self._display.say("no trial gave a score")
             code = code or node_process.EXIT_FAILURE
@@ -343,9 +299,30 @@ class Optimizer:
         if self._plan.values["exit_when_done"]:
             self._exit_code = code
 
+    def _say_front(self) -> None:
+        """Name the fins of the Pareto front, where two objectives are asked for."""
+        if self._plan.wants_cost:
+            chosen = front(self._study.candidates)
+            self._display.say(f"Pareto front of speed and cost of transport ({len(chosen)} fins):")
+            for fin in chosen:
+                words = f"{report.show_values(fin.values)}: {report.show_speed(fin.score or 0.0)}, {fin.cost:.4g} J/m"
+                self._display.say(f"  {words}")
+
     def _results(self) -> Sequence[str]:
-        names = (report.CSV_FILE, report.FIGURE_FILE, "journal.log", "bags")
+        names = (report.CSV_FILE, report.FIGURE_FILE, report.FRONT_FILE, "journal.log", "bags")
         return [name for name in names if (self._study.folder / name).exists()]
+
+    def _write_report(self) -> None:
+        """Write table and figures; they can be made again any time, so a disk that refuses is told and no more."""
+        folder, study, plan = self._study.folder, self._study, self._plan
+        try:
+            self._write_table()
+            if study.best() is not None:
+                self._draw()
+            if plan.wants_cost:
+                report.write_front(folder / report.FRONT_FILE, study.candidates, front(study.candidates))
+        except OSError as error:
+            self._display.say(f"error: the report in {folder} cannot be written: {error.strerror or error}")
 
     def _write_table(self) -> None:
         report.write_table(
@@ -354,10 +331,12 @@ class Optimizer:
 
     def _draw(self) -> None:
         plan, curve = self._plan, None
-        if self._plant.parameters:
+        parameters = next((lane.plant.parameters for lane in self._lanes if lane.plant.parameters), None)
+        dimensions = self._study.settings.space.dimensions
+        if parameters and len(dimensions) == 1:
             curve = report.sweep(
                 plan.dimension,
-                simulated_speed(plan.dimension.name, plan.fin, plan.gait, plan.measurement, self._plant.parameters),
+                simulated_speed(plan.dimension.name, plan.fin, plan.gait, plan.measurement, parameters),
             )
         joint = plan.gait.joints[0]
         title = (
@@ -372,15 +351,32 @@ class Optimizer:
         return self._exit_code
 
     def close(self) -> None:
-        """Leave everything safe: the gait off, the bag closed, the journal and the table complete."""
+        """Leave everything safe: the gaits off, the bags closed, the journal and the table complete."""
         with contextlib.ExitStack() as last:
             last.callback(self._study.close)
-            last.callback(self._recorder.destroy)
-            last.callback(self._write_table)
+            for lane in self._lanes:
+                last.callback(self._close_lane, lane)
+            last.callback(self._write_last_table)
             last.callback(self._say_how_to_go_on)
             last.callback(self._display.close)
-            last.callback(self._plant.farewell)
-            self._cancel("the optimiser was stopped")
+            for lane in self._lanes:
+                last.callback(lane.plant.farewell)
+            try:
+                self._cancel("the optimiser was stopped")
+            except StudyError as error:
+                self._display.say(f"error: {error}")
+
+    def _close_lane(self, lane: Lane) -> None:
+        try:
+            lane.destroy()
+        except BagError as error:
+            self._display.say(f"error: {error}")
+
+    def _write_last_table(self) -> None:
+        try:
+            self._write_table()
+        except OSError as error:
+            self._display.say(f"error: {report.CSV_FILE} cannot be written: {error.strerror or error}")
 
     def _say_how_to_go_on(self) -> None:
         if self._mode is not Mode.DONE:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
+from fin_optimizer.generations import OneByOne
+from fin_optimizer.graph import NAMESPACE_PATTERN
 from fin_optimizer.report import MODULUS
 from fin_optimizer.score import Measurement
 from fin_optimizer.search import Dimension, HillClimber, Space
-from fin_optimizer.study import SETTINGS_FILE, Policy, Settings, Study
+from fin_optimizer.study import SETTINGS_FILE, Objective, Policy, Settings, Study
 from fin_optimizer.trial import Timeouts
 from fin_plant.fin import Fin
 from fin_plant.gait import Gait, JointDrive, carangiform
@@ -18,27 +21,27 @@ from fin_plant.gait import Gait, JointDrive, carangiform
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from fin_optimizer.search import Search
     from fin_plant.parameters import Value
 
 # What decides candidates and scores, hence must not change while a study goes on.
 _DECISIVE = ("seed", "search.", "gait.", "measurement.", "fin.")
+_LENGTH = "fin.length"
 
 
 class Plan:
     """What the node's parameters ask for.
 
     Raises:
-        ValueError: A range that is upside down, or a fin that cannot be.
+        ValueError: A range that is upside down, a fin that cannot be, or a search that does not fit.
     """
 
     def __init__(self, values: Mapping[str, Value]) -> None:
         self.values = dict(values)
-        prefix = "search.young_modulus"
-        bounds = (self.number(f"{prefix}.minimum"), self.number(f"{prefix}.maximum"))
-        self.dimension = Dimension(MODULUS, *bounds, unit="Pa")
-        space = Space((self.dimension,))
-        deviations = {MODULUS: math.sqrt(self.number(f"{prefix}.step_variance"))}
-        self.search = HillClimber(space, self.count("seed"), deviations)
+        space, deviations = self._space()
+        self.dimension = space.dimensions[0]
+        self.objective = Objective(str(values["objective"]))
+        self.search = self._search(space, deviations)
         self.fin = Fin.from_parameters(values)
         frequency = self.number("gait.frequency")
         self.gait = carangiform(self.number("gait.amplitude"), frequency)
@@ -48,10 +51,57 @@ class Plan:
         )
         names = ("find", "plant", "reply", "silence", "people")
         self.timeouts = Timeouts(**{name: self.number(f"timeout.{name}") for name in names})
+        self.plants = self._plants()
         details = {n: v for n, v in values.items() if n.startswith(_DECISIVE) and n not in space.names}
-        self.settings = Settings(
-            space, Policy(self.count("repeats"), self.count("attempts")), {"search": "hill climber", **details}
-        )
+        policy = Policy(self.count("repeats"), self.count("attempts"))
+        self.settings = Settings(space, policy, details, self.objective)
+
+    @property
+    def wants_cost(self) -> bool:
+        """Whether the cost of transport is an objective."""
+        return self.objective is Objective.SPEED_AND_COST
+
+    def _space(self) -> tuple[Space, dict[str, float]]:
+        """Return what is searched, and the standard deviation of a step by parameter."""
+        dimensions, deviations = [], {}
+        for name in (MODULUS, _LENGTH):
+            prefix = f"search.{name.removeprefix('fin.')}"
+            unit = "Pa" if name == MODULUS else "m"
+            low, high = self.number(f"{prefix}.minimum"), self.number(f"{prefix}.maximum")
+            if name == _LENGTH and low == high == 0.0:
+                continue  # the default: the shape stays
+            dimensions.append(Dimension(name, low, high, unit=unit))
+            deviations[name] = math.sqrt(self.number(f"{prefix}.step_variance"))
+        return Space(tuple(dimensions)), deviations
+
+    def _search(self, space: Space, deviations: Mapping[str, float]) -> Search:
+        name, seed = str(self.values["search.algorithm"]), self.count("seed")
+        population = self.count("search.population") or None
+        if name == "hill_climber":
+            return HillClimber(space, seed, deviations)
+        if self.wants_cost:
+            msg = f"search.algorithm = {name} knows one objective only: use hill_climber for {self.objective}"
+            raise ValueError(msg)
+        # Both take longer to load than a study with the hill climber should wait.
+        from fin_optimizer.cma import CmaEs  # noqa: PLC0415
+        from fin_optimizer.genetic import GeneticAlgorithm  # noqa: PLC0415
+
+        if name == "cma_es":
+            return OneByOne(CmaEs(space, seed, population))
+        genetic = GeneticAlgorithm(space, seed, deviations)
+        return OneByOne(replace(genetic, population=population or genetic.population))
+
+    def _plants(self) -> list[str]:
+        """Return the namespaces of the fish, empty for the node's own one."""
+        plants = cast("list[str]", self.values["plants"])
+        for plant in plants:
+            if not NAMESPACE_PATTERN.fullmatch(plant):
+                msg = f"plants has {plant!r}: give namespaces like /tank_a/fish, a slash, then letters, digits and _"
+                raise ValueError(msg)
+        if len(set(plants)) != len(plants):
+            msg = f"plants names a fish twice: {', '.join(plants)}"
+            raise ValueError(msg)
+        return list(plants)
 
     def number(self, name: str) -> float:
         """Return a parameter of type double."""
@@ -63,7 +113,11 @@ class Plan:
 
     def fin_of(self, values: Mapping[str, float]) -> dict[str, Value]:
         """Return the fin of a candidate as the plant's parameters; the plant itself judges whether it can be."""
-        return {**self.fin.as_parameters(), **values}
+        fin = {**self.fin.as_parameters(), **values}
+        if _LENGTH in values:  # the shape varies at a fixed area: a longer fin is less high
+            shrink = self.fin.length / values[_LENGTH]
+            fin |= {"fin.height": self.fin.height * shrink, "fin.tip_height": self.fin.tip_height * shrink}
+        return fin
 
     def study(self) -> Study:
         """Begin the study, or go on with it.

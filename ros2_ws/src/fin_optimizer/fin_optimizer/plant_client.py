@@ -32,7 +32,7 @@ _FAREWELL = Duration(seconds=0.5)
 
 
 class PlantClient:
-    """Finds the one plant of the node's namespace and speaks to it. Nothing here waits.
+    """Finds the one plant of a namespace and speaks to it. Nothing here waits.
 
     Attributes:
         state: What the plant said last, None before.
@@ -42,7 +42,7 @@ class PlantClient:
         parameters: What `ask_parameters` learnt, by name.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, namespace: str) -> None:
         self.state: PlantState | None = None
         self.fin_reply: Reply | None = None
         self.reset_reply: Reply | None = None
@@ -55,10 +55,11 @@ class PlantClient:
         self._set_parameters: Client | None = None
         self._reset: Client | None = None
         self._get_parameters: Client | None = None
-        self._gait = node.create_publisher(topics.GAIT.type, topics.GAIT.name, topics.GAIT.qos)
-        node.create_subscription(
-            topics.PLANT_STATE.type, topics.PLANT_STATE.name, self._on_state, topics.PLANT_STATE.qos
+        self._gait = node.create_publisher(topics.GAIT.type, topics.GAIT.name_in(namespace), topics.GAIT.qos)
+        state = node.create_subscription(
+            topics.PLANT_STATE.type, topics.PLANT_STATE.name_in(namespace), self._on_state, topics.PLANT_STATE.qos
         )
+        self._state_topic = str(state.topic_name)
 
     def _on_state(self, message: DiagnosticStatus) -> None:
         self.changed = True
@@ -72,8 +73,7 @@ class PlantClient:
         now = time.monotonic()
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
-            topic = self._node.resolve_topic_name(topics.PLANT_STATE.name)
-            found = self._node.get_publishers_info_by_topic(topic)
+            found = self._node.get_publishers_info_by_topic(self._state_topic)
             self._plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in found})
         return self._plants
 

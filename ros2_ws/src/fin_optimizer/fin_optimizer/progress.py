@@ -38,17 +38,21 @@ class Display(Protocol):
         """Leave the terminal as it was."""
 
 
-def display(stream: TextIO, total: int, settled: int) -> Display:
-    """Return what suits the stream, for a study of ``total`` candidates of which ``settled`` need no more trials."""
+def display(stream: TextIO, total: int, settled: int, *, several: bool = False) -> Display:
+    """Return what suits the stream, for a study of ``total`` candidates of which ``settled`` need no more trials.
+
+    Where ``several`` fish swim, each line names the one.
+    """
     if stream.isatty():
         return LiveLine(stream, total, settled)
-    return PlainLines(stream, total, settled)
+    return PlainLines(stream, total, settled, several=several)
 
 
 def summary(trial: TrialRecord) -> str:
     """Return a finished trial in a few words."""
     if trial.outcome is Outcome.OK and trial.score is not None:
-        return f"{show_values(trial.values)}  {show_speed(trial.score)}"
+        cost = "" if trial.cost is None else f"  {trial.cost:.4g} J/m"
+        return f"{show_values(trial.values)}  {show_speed(trial.score)}{cost}"
     return f"{show_values(trial.values)}  {trial.outcome.value}: {trial.reason}"
 
 
@@ -84,8 +88,9 @@ class _TimeLeft:
 class PlainLines:
     """One line a trial, for a file or a pipe."""
 
-    def __init__(self, stream: TextIO, total: int, settled: int) -> None:
+    def __init__(self, stream: TextIO, total: int, settled: int, *, several: bool = False) -> None:
         self._stream = stream
+        self._several = several
         self._total = total
         self._left = _TimeLeft(total, settled)
 
@@ -99,7 +104,8 @@ class PlainLines:
         """Print the trial's line."""
         counted = f"{trial.candidate + 1}/{self._total}"
         left = self._left.text(settled)
-        self.say(f"trial {trial.number:04d}  {counted:>7}  {summary(trial)}  ({show_best(best)}, {left} left)")
+        fish = f"{trial.plant}  " if self._several else ""
+        self.say(f"trial {trial.number:04d}  {counted:>7}  {fish}{summary(trial)}  ({show_best(best)}, {left} left)")
 
     def say(self, text: str) -> None:
         """Print a line."""

@@ -24,7 +24,7 @@ from fin_optimizer.bag import (
     header_stamp,
     velocity_samples,
 )
-from fin_plant.topics import RECORDED_TOPICS, VELOCITY, Topic
+from fin_plant.topics import JOINT_STATES, RECORDED_TOPICS, VELOCITY, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.subscription import Subscription
 
+_KEPT = (VELOCITY.name, JOINT_STATES.name)
+"""Topics that a score is made of, which it takes from memory."""
 WRITE_PERIOD = 0.1
 """s between two visits of the writing thread; messages wait in memory no longer."""
 TAKEN_AT_ONCE = 500
@@ -131,7 +133,11 @@ class Recorder:
 
         They are read from the bytes that are in the bag, so they are what the bag gives.
         """
-        return velocity_samples(self._ear(VELOCITY).kept)
+        return velocity_samples(self.messages(VELOCITY))
+
+    def messages(self, topic: Topic[Any]) -> Sequence[bytes]:
+        """Return the serialised messages of the bag opened last, of `velocity` or `joint_states`."""
+        return self._ear(topic).kept
 
     def close(self) -> BagSummary:
         """End the bag with every message that has arrived, and return what it holds.
@@ -242,7 +248,7 @@ class _Ear:
 
     def _record(self, data: bytes) -> None:
         self._queue.append((self.name, data))
-        if self.topic.name == VELOCITY.name:
+        if self.topic.name in _KEPT:
             self.kept.append(data)
 
 

@@ -92,7 +92,11 @@ def _verify(original: Bag, copy: Bag) -> None:
     Raises:
         BagError: They differ.
     """
-    same = copy.complete and (copy.metadata, copy.topics, copy.qos) == (original.metadata, original.topics, original.qos)
+    same = copy.complete and (copy.metadata, copy.topics, copy.qos) == (
+        original.metadata,
+        original.topics,
+        original.qos,
+    )
     pairs = zip_longest(original.messages(*original.topics), copy.messages(*copy.topics))
     if not same or any(before != after for before, after in pairs):
         msg = f"the repaired copy of {original.path} differs from it: the original is kept, look at the disk"
@@ -116,12 +120,14 @@ def bag_folders(path: Path) -> Iterator[Path]:
     yield from found
 
 
-def repair_bags(path: Path) -> list[Repair]:
+def repair_bags(path: Path, *, or_nothing: bool = False) -> list[Repair]:
     """Repair every bag of a study or of a folder of bags that was left open; return what came of those.
 
     Raises:
-        BagError: There is no bag at all.
+        BagError: There is no bag at all, and ``or_nothing`` does not allow for it.
     """
+    if or_nothing and not any(path.glob("bags/*/*.mcap")):
+        return []
     return [repair for bag in bag_folders(path) if (repair := repair_bag(bag)) is not None]
 
 

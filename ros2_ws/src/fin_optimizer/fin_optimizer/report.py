@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 CSV_FILE = "trials.csv"
 FIGURE_FILE = "speed_over_modulus.png"
+FRONT_FILE = "pareto_front.png"
 MODULUS = "fin.young_modulus"
 _CURVE_POINTS = 71
 # Symbol or word, factor to SI and unit in which a laboratory speaks of a parameter.
@@ -58,16 +59,15 @@ def trials_table(trials: Sequence[TrialRecord], space: Sequence[Dimension]) -> s
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     parameters = [f"{d.name} [{d.unit}]" if d.unit else d.name for d in space]
-    measured = ["speed [m/s]", "spread [m/s]", "samples"]
+    measured = ["speed [m/s]", "spread [m/s]", "cost of transport [J/m]", "samples"]
     times = ["started [UTC]", "ended [UTC]"]
-    writer.writerow(["trial", "candidate", *parameters, "outcome", *measured, *times, "bag", "reason"])
+    writer.writerow(["trial", "candidate", *parameters, "outcome", *measured, *times, "plant", "bag", "reason"])
     for trial in trials:
         values = [repr(trial.values[dimension.name]) for dimension in space]
-        measured = [_number(trial.score), _number(trial.spread), str(trial.samples or "")]
+        measured = [_number(trial.score), _number(trial.spread), _number(trial.cost), str(trial.samples or "")]
         times = [_utc(trial.started), _utc(trial.ended)]
-        writer.writerow(
-            [trial.number, trial.candidate, *values, trial.outcome.value, *measured, *times, trial.bag, trial.reason]
-        )
+        last = [trial.plant, trial.bag, trial.reason]
+        writer.writerow([trial.number, trial.candidate, *values, trial.outcome.value, *measured, *times, *last])
     return text.getvalue()
 
 
@@ -134,6 +134,33 @@ def write_figure(
     if axes.get_legend_handles_labels()[0]:
         axes.legend(frameon=False, loc="best")
     axes.set_title(title, fontsize="medium")
+    figure.savefig(path)
+
+
+def write_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidate]) -> None:
+    """Draw speed and cost of transport of every candidate, those of the Pareto front joined.
+
+    Args:
+        path: Where to write the PNG; an older one is replaced.
+        tried: All candidates; those without both numbers are left out.
+        front: Those of the front, the fastest first.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415  (see write_figure)
+
+    figure = Figure(figsize=(8.0, 5.0), dpi=150, layout="constrained")
+    axes = figure.add_subplot()
+    known = [(c.score / _CM, c.cost) for c in tried if c.score is not None and c.cost is not None]
+    if known:
+        axes.plot(*zip(*known, strict=True), "o", color="0.6", markersize=4.0, label=f"fins ({len(known)})")
+    line = [(c.score / _CM, c.cost) for c in front if c.score is not None and c.cost is not None]
+    if line:
+        axes.plot(*zip(*line, strict=True), "o-", color="tab:red", label=f"Pareto front ({len(line)})")
+        axes.legend(frameon=False, loc="best")
+    axes.set_xlabel("mean forward speed (cm/s)")
+    axes.set_ylabel("cost of transport (J/m)")
+    axes.grid(visible=True, color="0.92")
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path)
 
 

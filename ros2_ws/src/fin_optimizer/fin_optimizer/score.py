@@ -184,11 +184,34 @@ def score(
     return Score(value, int(stamps.size), _spread(*near, window, block), longest_gap)
 
 
-def _check_order(stamps: NDArray[np.int64], speed: NDArray[np.float64]) -> None:
+def mean_power(stamps_ns: NDArray[np.int64], power: NDArray[np.float64], window: Window) -> float:
+    """Return the mean over the window of a power, in W; as `score` takes it of a speed.
+
+    Args:
+        stamps_ns: Header stamps in ns, shape (n,), strictly increasing.
+        power: In W, shape (n,); finite inside the window.
+        window: What counts.
+
+    Raises:
+        ScoreError: Arrays that do not fit each other, stamps that repeat or run backwards, a gap longer than
+            LONGEST_GAP, or a power that is not finite.
+    """
+    _check_order(stamps_ns, power, "joint_states")
+    inside = (stamps_ns >= window.start_ns) & (stamps_ns <= window.end_ns)
+    _check_gaps(stamps_ns[inside], window, "joint_states")
+    reach = round(LONGEST_GAP * NANOSECONDS)
+    near = (stamps_ns >= window.start_ns - reach) & (stamps_ns <= window.end_ns + reach) & np.isfinite(power)
+    if not np.isfinite(power[inside]).all():
+        msg = "joint_states tell no power: effort or velocity of the tail's joints is missing or not finite"
+        raise ScoreError(msg)
+    return _time_average(stamps_ns[near], power[near], window.start_ns, window.end_ns)
+
+
+def _check_order(stamps: NDArray[np.int64], speed: NDArray[np.float64], topic: str = "velocity") -> None:
     """Refuse arrays of other shapes or types than described, and stamps that do not increase."""
     if stamps.ndim != 1 or stamps.shape != speed.shape or not np.issubdtype(stamps.dtype, np.integer):
-        got = f"stamps {stamps.dtype}{stamps.shape} and speeds {speed.dtype}{speed.shape}"
-        msg = f"{got} must be one integer stamp and one speed a sample, both (n,)"
+        got = f"stamps {stamps.dtype}{stamps.shape} and values {speed.dtype}{speed.shape}"
+        msg = f"{got} of {topic} must be one integer stamp and one number a sample, both (n,)"
         raise ScoreError(msg)
     wrong = np.flatnonzero(np.diff(stamps) <= 0)
     if wrong.size:
@@ -196,22 +219,22 @@ def _check_order(stamps: NDArray[np.int64], speed: NDArray[np.float64]) -> None:
         before, after = int(stamps[index]), int(stamps[index + 1])
         back = (before - after) / NANOSECONDS
         what = f"runs back by {back:g} s" if back else "repeats the one before"
-        msg = f"velocity's stamp {after} ns of sample {index + 1} {what}: stamps must increase"
+        msg = f"{topic}'s stamp {after} ns of sample {index + 1} {what}: stamps must increase"
         raise ScoreError(msg)
 
 
-def _check_gaps(stamps: NDArray[np.int64], window: Window) -> float:
+def _check_gaps(stamps: NDArray[np.int64], window: Window, topic: str = "velocity") -> float:
     """Return the longest time between neighbouring samples in s; refuse one above the limit."""
     edges = np.concatenate(([window.start_ns], stamps, [window.end_ns]))
     gaps = np.diff(edges)
     longest = int(np.argmax(gaps))
     if gaps[longest] > LONGEST_GAP * NANOSECONDS:
         msg = (
-            f"no velocity for {gaps[longest] / NANOSECONDS:g} s from {_after(edges[longest], window)}: "
+            f"no {topic} for {gaps[longest] / NANOSECONDS:g} s from {_after(edges[longest], window)}: "
             f"allowed are {LONGEST_GAP:g} s"
         )
         raise ScoreError(msg)
-    return float(gaps[1:-1].max()) / NANOSECONDS
+    return float(gaps[1:-1].max(initial=0)) / NANOSECONDS
 
 
 def _near(

@@ -1,22 +1,30 @@
-"""Command ``score_bag``: the score of a recorded trial, equal to the live run's to the last digit."""
+"""Command ``score_bag``: the score of recorded trials, equal to the live run's to the last digit."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from fin_optimizer.bag import BagError, read_bag
-from fin_optimizer.score import Measurement, Score, ScoreError, score
+import numpy as np
+
+from fin_optimizer.bag import BagError, decode, header_stamp, read_bag
+from fin_optimizer.repair_bags import bag_folders
+from fin_optimizer.score import Measurement, Score, ScoreError, Window, mean_power, score
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from fin_optimizer.bag import Bag
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
+_JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
+_DRIVEN = "tail_joint"
+"""What the names of the driven joints start with; the fin's own hinges are springs and take no power from a servo."""
 
 
 def swimming_since(bag: Bag) -> int:
@@ -39,6 +47,50 @@ def swimming_since(bag: Bag) -> int:
     return starts.pop()
 
 
+def power_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return header stamps in ns and the tail servos' mechanical power in W, both (n,), of serialised JointStates.
+
+    The power is NaN where a message does not tell it.
+    """
+    stamps = np.fromiter(map(header_stamp, messages), dtype=np.int64, count=len(messages))
+    power = np.fromiter((_power(decode(data, _JOINT_STATE_TYPE)) for data in messages), np.float64, len(messages))
+    return stamps, power
+
+
+def _power(joints: Any) -> float:
+    driven = [index for index, name in enumerate(joints.name) if name.startswith(_DRIVEN)]
+    if not driven or len(joints.effort) != len(joints.name) or len(joints.velocity) != len(joints.name):
+        return float("nan")
+    return float(sum(joints.effort[index] * joints.velocity[index] for index in driven))
+
+
+def scored_swim(
+    velocity: tuple[NDArray[np.int64], NDArray[np.float64]],
+    joint_states: Sequence[bytes] | None,
+    window: Window,
+    measurement: Measurement,
+) -> tuple[Score, float | None]:
+    """Return the score of a swim and its cost of transport in J/m.
+
+    The cost is the servos' mean mechanical power over the mean speed: energy for a metre of way. None without
+    headway, where there is no such thing, and where it is not asked for.
+
+    Args:
+        velocity: Header stamps in ns and forward speeds in m/s, both (n,).
+        joint_states: Serialised messages, None if the cost of transport is not asked for.
+        window: What counts.
+        measurement: How it was measured.
+
+    Raises:
+        ScoreError: The samples give no score, or no power.
+    """
+    scored = score(*velocity, window, block=measurement.block)
+    if joint_states is None:
+        return scored, None
+    power = mean_power(*power_samples(joint_states), window)
+    return scored, power / scored.value if scored.value > 0.0 else None
+
+
 def score_bag(path: Path) -> tuple[Score, Bag]:
     """Return the score of a recorded trial, and its bag.
 
@@ -48,9 +100,20 @@ def score_bag(path: Path) -> tuple[Score, Bag]:
     """
     bag = read_bag(path)
     measurement = Measurement.from_metadata(bag.metadata)
-    stamps, speed = bag.velocity()
     window = measurement.window(swimming_since(bag))
-    return score(stamps, speed, window, block=measurement.block), bag
+    return score(*bag.velocity(), window, block=measurement.block), bag
+
+
+def cost_of_transport(bag: Bag) -> float | None:
+    """Return the cost of transport of a recorded trial in J/m, None without headway.
+
+    Raises:
+        BagError: It lacks a topic, or is damaged.
+        ScoreError: Its samples give no score, or no power.
+    """
+    measurement = Measurement.from_metadata(bag.metadata)
+    joints = [data for _, _, data in bag.messages("joint_states")]
+    return scored_swim(bag.velocity(), joints, measurement.window(swimming_since(bag)), measurement)[1]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,20 +122,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="score_bag",
         description="Print one line a recorded trial: mean forward speed, its spread (m/s), bag.",
     )
-    parser.add_argument("bags", nargs="+", type=Path, metavar="BAG", help="folder of a bag, or its .mcap file")
+    parser.add_argument(
+        "paths", nargs="+", type=Path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
+    )
     failed = False
-    for path in parser.parse_args(arguments).bags:
+    for given in parser.parse_args(arguments).paths:
         try:
-            result, bag = score_bag(path)
-        except (BagError, ScoreError) as error:
-            sys.stderr.write(f"error: {path}: {error}\n")
+            bags = list(bag_folders(given)) if given.is_dir() else [given]
+        except BagError as error:
+            sys.stderr.write(f"error: {error}\n")
             failed = True
             continue
-        if not bag.complete:
-            count = sum(bag.counts.values())
-            sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")
-        sys.stdout.write(f"{result.value!r} {result.spread!r} {path}\n")
+        for path in bags:
+            failed = not _print_score(path) or failed
     return 2 if failed else 0
+
+
+def _print_score(path: Path) -> bool:
+    try:
+        result, bag = score_bag(path)
+    except (BagError, ScoreError) as error:
+        sys.stderr.write(f"error: {path}: {error}\n")
+        return False
+    if not bag.complete:
+        count = sum(bag.counts.values())
+        sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")
+    sys.stdout.write(f"{result.value!r} {result.spread!r} {path}\n")
+    return True
 
 
 if __name__ == "__main__":

@@ -128,6 +128,9 @@ class Search(Protocol):
     def space(self) -> Space:
         """Where it searches."""
 
+    def needed(self, number: int) -> int:
+        """Return how many of the first candidates must be settled before candidate ``number`` can be proposed."""
+
     def propose(self, history: Sequence[Evaluation]) -> Values:
         """Return the candidate that follows ``history``, which holds all candidates so far in their order.
 
@@ -225,6 +228,10 @@ class HillClimber:
         for dimension in self.space.dimensions:
             deviation = self.deviations[dimension.name]
             checks.number(f"step of {dimension.name}", deviation, 0.0, unit=dimension.unit, exclusive_minimum=True)
+
+    def needed(self, number: int) -> int:  # noqa: ARG002  (as every search)
+        """Return 0: it steps from the best that is known, whatever still swims."""
+        return 0
 
     def propose(self, history: Sequence[Evaluation]) -> Values:
         """Return the candidate that follows ``history``."""

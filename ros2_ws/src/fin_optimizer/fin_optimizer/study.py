@@ -54,8 +54,8 @@ optuna.logging.set_verbosity(optuna.logging.WARNING)
 
 
 # What a study may be after: name, Optuna's direction, and how its dashboard labels the axis.
-_SPEED = ("speed", "maximize", "mean forward speed (m/s)")
-_COST = ("cost of transport", "minimize", "cost of transport (J/m)")
+_SPEED = ("speed", optuna.study.StudyDirection.MAXIMIZE, "mean forward speed (m/s)")
+_COST = ("cost of transport", optuna.study.StudyDirection.MINIMIZE, "cost of transport (J/m)")
 
 
 class Objective(StrEnum):
@@ -65,9 +65,14 @@ class Objective(StrEnum):
     SPEED_AND_COST = "speed_and_cost_of_transport"
 
     @property
-    def parts(self) -> tuple[tuple[str, str, str], ...]:
+    def parts(self) -> tuple[tuple[str, optuna.study.StudyDirection, str], ...]:
         """Name, direction and label of each number that is to be good."""
         return (_SPEED,) if self is Objective.SPEED else (_SPEED, _COST)
+
+    @property
+    def directions(self) -> list[optuna.study.StudyDirection]:
+        """What is good in each part, as Optuna says it."""
+        return [direction for _, direction, _ in self.parts]
 
 
 _STATE_OF = {
@@ -248,10 +253,7 @@ class Settings:
         """
         try:
             content = json.loads(text)
-            version = content["format"]
-            if version > FORMAT:
-                msg = f"its format {version} is newer than the {FORMAT} that this version knows: update fin_optimizer"
-                raise StudyError(msg)
+            _check_format(content["format"])
             space = Space(tuple(Dimension(**dimension) for dimension in content["space"]))
             return cls(space, Policy(**content["policy"]), content["details"], Objective(content["objective"]))
         except StudyError:
@@ -259,6 +261,12 @@ class Settings:
         except (KeyError, TypeError, ValueError) as error:
             msg = f"it is no study's settings ({type(error).__name__}: {error}); restore it or begin another folder"
             raise StudyError(msg) from error
+
+
+def _check_format(version: int) -> None:
+    if version > FORMAT:
+        msg = f"its format {version} is newer than the {FORMAT} that this version knows: update fin_optimizer"
+        raise StudyError(msg)
 
 
 class Study:
@@ -288,7 +296,7 @@ class Study:
         self._ids: list[int] = []
         self._trials: list[TrialRecord] = []
         self._candidates: list[Candidate] = []
-        self._settled: set[int] = set()
+        self._open: set[int] = set()
         self._best: Candidate | None = None
         for trial in self._storage.get_all_trials(self._study_id, deepcopy=False):
             self._ids.append(trial._trial_id)  # noqa: SLF001  (Optuna's own key; it has no public name)
@@ -361,18 +369,25 @@ class Study:
 
     def settled(self) -> int:
         """Return how many candidates need no further trial."""
-        return len(self._settled)
+        return len(self._candidates) - len(self._open)
 
-    def next_candidate(self, search: Search) -> tuple[int, Values]:
-        """Return number and values of the candidate to try next.
+    def next_candidate(self, search: Search, total: int | None = None) -> tuple[int, Values] | None:
+        """Return number and values of the candidate to try next, None if there is none before a trial has ended.
 
         That is the first one that lacks a trial (repeats, failed attempts, an interruption), or else the one that
         ``search`` proposes for the history of all candidates; those still swimming have no score in it yet.
+
+        Args:
+            search: Proposes candidates.
+            total: Candidates that the study shall have, None for no end.
         """
-        for candidate in self._candidates:
-            if candidate.number not in self._settled and candidate.wants_trial(self.settings.policy):
-                return candidate.number, candidate.values
-        return len(self._candidates), self.settings.space.check(search.propose(self.history))
+        for number in sorted(self._open):
+            if self._candidates[number].wants_trial(self.settings.policy):
+                return number, self._candidates[number].values
+        number = len(self._candidates)
+        if number == total or any(before < search.needed(number) for before in self._open):
+            return None
+        return number, self.settings.space.check(search.propose(self.history))
 
     def propose(self, candidate: int, values: Values, plant: str = "") -> TrialRecord:
         """Write down that a trial of this candidate will be made by the fish of this namespace, and return it.
@@ -451,7 +466,9 @@ class Study:
         self._candidates[number : number + 1] = [candidate]
         self.history[number : number + 1] = [candidate.evaluation]
         if candidate.settled(self.settings.policy):
-            self._settled.add(number)
+            self._open.discard(number)
+        else:
+            self._open.add(number)
         if candidate.score is None:
             return
         if self._best is not None and self._best.number == number:
@@ -532,8 +549,7 @@ def _ledger(journal: Path, objective: Objective) -> tuple[JournalStorage, int]:
     try:
         return storage, storage.get_study_id_from_name(_STUDY_NAME)
     except KeyError:
-        directions = [direction for _, direction, _ in objective.parts]
-        study = optuna.create_study(study_name=_STUDY_NAME, storage=storage, directions=directions)
+        study = optuna.create_study(study_name=_STUDY_NAME, storage=storage, directions=objective.directions)
     with warnings.catch_warnings():  # only the dashboard's axis label: nothing is lost if Optuna drops it
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         study.set_metric_names([label for _, _, label in objective.parts])

@@ -1,0 +1,229 @@
+"""One fish and the trial that it swims: turns a trial's actions into messages, calls and files."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING, Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from std_msgs.msg import Float64
+
+from fin_optimizer import report
+from fin_optimizer.bag import BagError
+from fin_optimizer.observation import Observation
+from fin_optimizer.plant_client import PlantClient
+from fin_optimizer.recorder import Recorder
+from fin_optimizer.score import ScoreError
+from fin_optimizer.score_bag import scored_swim
+from fin_optimizer.trial import Action, Outcome, Result, Trial
+from fin_plant import topics
+from fin_plant.messages import key_values
+from fin_plant.plant_state import State
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from rclpy.node import Node
+    from rclpy.publisher import Publisher
+
+    from fin_optimizer.plan import Plan
+    from fin_optimizer.study import TrialRecord
+    from fin_plant.topics import Topic
+
+_GAIT_PERIOD = 0.25
+"""s; the plant's command_timeout is twice that."""
+_LOOK_PERIOD = 0.02
+"""s between two looks at facts that come without a callback: the graph, and time itself."""
+_SWIM_LOOK_PERIOD = 0.002
+"""s between two looks at the newest velocity: a swim far faster than real time must not go on after its window."""
+
+
+class Lane:
+    """A fish by its namespace, with its recorder, and the trial under way.
+
+    Attributes:
+        namespace: Of the fish, for example ``/tank_a/fish``.
+        plant: How it is spoken to.
+        trial: The one under way, None between trials.
+        record: What the journal says of it.
+    """
+
+    def __init__(self, node: Node, namespace: str, plan: Plan, metadata: Mapping[str, str]) -> None:
+        """Listen to the fish.
+
+        Args:
+            node: The optimiser's.
+            namespace: Of the fish, absolute.
+            plan: What the study asks for.
+            metadata: What describes the study, for every bag.
+        """
+        self.namespace = namespace
+        self.plant = PlantClient(node, namespace)
+        self.trial: Trial | None = None
+        self.record: TrialRecord | None = None
+        self._plan = plan
+        self._metadata = metadata
+        self._recorder = Recorder(node, namespace=namespace, minimum_free=plan.number("disk.minimum_free"))
+        self._facts = Observation(node, self.plant, self._recorder, namespace)
+        self._gait_due: float | None = None
+        self._look_due = 0.0
+        self._folder: Path | None = None
+
+        def publisher(topic: Topic[Any]) -> Publisher:
+            return node.create_publisher(topic.type, topic.name_in(namespace), topic.qos)
+
+        self._candidate_topic = publisher(topics.CANDIDATE)
+        self._score_topic = publisher(topics.SCORE)
+
+    @property
+    def trouble(self) -> str:
+        """Why the fish cannot be given a trial now, or empty."""
+        plants, state = self.plant.plants(), self.plant.state
+        if len(plants) != 1:
+            return f"{len(plants)} plants publish {self.namespace}/plant_state"
+        if state is None:
+            return f"nothing was said on {self.namespace}/plant_state"
+        if state.state is State.FAULT:
+            return f"{plants[0]} is in FAULT{f' ({state.reason})' if state.reason else ''}"
+        return ""
+
+    @property
+    def phase(self) -> str:
+        """Phase of the trial under way, or empty."""
+        return self.trial.phase if self.trial is not None else ""
+
+    @property
+    def note(self) -> str:
+        """How far the fish has swum, or empty."""
+        swims = self.trial is not None and self.trial.window is not None
+        return f"{self.trial.swum(self._facts):.0f} s" if self.trial is not None and swims else ""
+
+    def begin(self, record: TrialRecord, folder: Path) -> None:
+        """Begin a trial that the journal knows as RUNNING; its bag goes into the study's folder."""
+        self.record, self._folder = record, folder
+        self._facts.bag_error, self._facts.result = "", None
+        self.trial = Trial(
+            self.namespace, self._plan.fin_of(record.values), self._plan.measurement, self._plan.timeouts
+        )
+        self._facts.trial = self.trial
+        self._look_due = 0.0
+        self.publish_candidate(record)
+
+    def end(self) -> None:
+        """Forget the trial, which has its result."""
+        self.trial = self._facts.trial = self.record = None
+
+    def advance(self, now: float) -> float:
+        """Take the trial as far as the facts allow; return how long to wait for new ones, in s."""
+        trial = self.trial
+        if trial is None:
+            return math.inf
+        self._repeat_gait(now)
+        if self.plant.changed or now >= self._look_due:
+            self.plant.changed = False
+            before = None
+            while trial.result is None and trial.phase != before:
+                before = trial.phase
+                for action in trial.update(now, self._facts):
+                    self._carry_out(action, trial)
+            period = _SWIM_LOOK_PERIOD if trial.window is not None else _LOOK_PERIOD
+            self._look_due = time.monotonic() + period
+        if trial.result is not None:
+            return 0.0
+        return max(0.0, self._look_due - time.monotonic())
+
+    def cancel(self, reason: str) -> None:
+        """End the trial because somebody stopped it: the gait off, the bag closed."""
+        if self.trial is not None:
+            for action in self.trial.cancel(reason):
+                self._carry_out(action, self.trial)
+
+    def destroy(self) -> None:
+        """Close the bag and stop listening.
+
+        Raises:
+            BagError: The bag's end could not be written.
+        """
+        self._recorder.destroy()
+
+    def publish_candidate(self, record: TrialRecord) -> None:
+        """Say which fin swims, or how it ended."""
+        values: dict[str, object] = {
+            "trial": record.number,
+            "candidate": record.candidate,
+            **record.values,
+            "outcome": record.outcome.value,
+        }
+        known = {"score [m/s]": record.score, "cost of transport [J/m]": record.cost, "reason": record.reason or None}
+        values |= {name: value for name, value in known.items() if value is not None}
+        level = DiagnosticStatus.WARN if record.outcome in {Outcome.FAILED, Outcome.INFEASIBLE} else DiagnosticStatus.OK
+        shown = f"trial {record.number}: {report.show_values(record.values)}"
+        self._candidate_topic.publish(
+            DiagnosticStatus(level=level, name="candidate", message=shown, values=key_values(values))
+        )
+        if record.score is not None:
+            self._score_topic.publish(Float64(data=record.score))
+
+    # -- a trial's actions -------------------------------------------------------------------------------------------
+
+    def _carry_out(self, action: Action, trial: Trial) -> None:
+        match action:
+            case Action.SET_FIN:
+                self.plant.set_fin(trial.fin)
+            case Action.RESET | Action.RECOVER:
+                self.plant.reset()
+            case Action.GAIT_ON:
+                self._gait_due = 0.0
+                self._repeat_gait(time.monotonic())
+            case Action.GAIT_OFF:
+                self._gait_due = None
+                self.plant.send(self._plan.no_gait)
+            case Action.OPEN_BAG:
+                self._with_bag(self._open_bag)
+            case Action.CLOSE_BAG:
+                self._with_bag(self._recorder.close)
+            case Action.SCORE:
+                self._facts.result = self._scored(trial)
+
+    def _repeat_gait(self, now: float) -> None:
+        if self._gait_due is not None and now >= self._gait_due:
+            self._gait_due = now + _GAIT_PERIOD
+            self.plant.send(self._plan.gait)
+
+    def _with_bag(self, work: Callable[[], object]) -> None:
+        try:
+            work()
+        except BagError as error:
+            self._facts.bag_error = str(error)
+
+    def _open_bag(self) -> None:
+        if self.record is not None and self._folder is not None:
+            self._recorder.open(self._folder / self.record.bag, self._bag_metadata(self.record))
+
+    def _bag_metadata(self, record: TrialRecord) -> dict[str, str]:
+        state = self.plant.state
+        trial = {
+            "trial.number": str(record.number),
+            "trial.candidate": str(record.candidate),
+            "trial.started": record.started.isoformat() if record.started is not None else "",
+            "plant.namespace": self.namespace,
+        }
+        plant = {"plant": state.plant, **state.fin} if state is not None else {}
+        return {**trial, **plant, **self._metadata}
+
+    def _scored(self, trial: Trial) -> Result:
+        if trial.window is None:
+            return Result(Outcome.FAILED, "the fish never swam")
+        joints = self._recorder.messages(topics.JOINT_STATES) if self._plan.wants_cost else None
+        velocity = self._recorder.velocity_samples()
+        try:
+            scored, cost = scored_swim(velocity, joints, trial.window, self._plan.measurement)
+        except ScoreError as error:
+            return Result(Outcome.FAILED, error.reason)
+        if self._plan.wants_cost and cost is None:
+            reason = f"swims {report.show_speed(scored.value)}: without headway there is no cost of transport"
+            return Result(Outcome.INFEASIBLE, reason)
+        spread = scored.spread if math.isfinite(scored.spread) else None
+        return Result(Outcome.OK, score=scored.value, spread=spread, cost=cost, samples=scored.samples)
