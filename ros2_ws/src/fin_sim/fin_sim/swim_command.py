@@ -20,12 +20,13 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from fin_plant.fin import SHAPES
+from fin_plant.fin import PLANT_PARAMETERS, SHAPES
 from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
 from fin_sim.materials import material
 from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_axis, sweep_plans, swims
+from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
     from fin_sim.swim_result import Swim
 
 _PLAN_OPTIONS = tuple(item.name for item in fields(Plan) if item.name != "values")
+# What a node's parameter file says of the run, and the option that says it here.
+_RUN_PARAMETERS = {"reactive": "reactive", "step": "step", "drive.ramp_time": "ramp_time"}
 _BAD_INPUT = 2
 _SWIM_FAILED = 1
 _PIPE_WIDTH = 140
@@ -121,8 +124,8 @@ def _value(name: str, text: str) -> Value:
         raise ValueError(msg) from None
 
 
-def _read_parameters(path: Path) -> dict[str, Value]:
-    """Return the parameters of a ROS parameter file that the command knows; a node's own others are passed over."""
+def _read_parameters(path: Path) -> tuple[dict[str, Value], dict[str, Value]]:
+    """Return what a ROS parameter file says of fin, fish and servo, and of the run; the rest is the node's alone."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         nodes = [entry["ros__parameters"] for entry in content.values()]
@@ -131,11 +134,14 @@ def _read_parameters(path: Path) -> dict[str, Value]:
         msg = f"{path} is not a ROS parameter file (node: ros__parameters: name: value): {error!r}"
         raise ValueError(msg) from None
     # YAML 1.1 takes 2.0e9 for a text, ROS takes it for a number.
-    return {
+    values = {
         name: _value(name, value) if isinstance(value, str) else PARAMETERS[name].check(value)
         for name, value in flat.items()
         if name in PARAMETERS
     }
+    known = {**PLANT_PARAMETERS, **SIMULATOR_PARAMETERS}
+    run = {option: known[name].check(flat[name]) for name, option in _RUN_PARAMETERS.items() if name in flat}
+    return values, run
 
 
 def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
@@ -147,11 +153,11 @@ def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[st
 
 
 def _plan(options: argparse.Namespace) -> Plan:
-    values = _read_parameters(options.params_file) if options.params_file else {}
+    values, run = _read_parameters(options.params_file) if options.params_file else ({}, {})
     given = {name: getattr(options, name) for name in PARAMETERS}
     values |= {name: _value(name, text) for name, text in given.items() if text is not None}
     chosen = {name: getattr(options, name) for name in _PLAN_OPTIONS if getattr(options, name) is not None}
-    plan = Plan(values, **chosen)
+    plan = Plan(values, **{**run, **chosen})
     if options.shape:
         shaped = plan.fin().shaped(options.shape)
         plan = replace(plan, values={**plan.values, **shaped.as_parameters()})

@@ -2,7 +2,21 @@
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass, field
+
+_WIDTH = 120
+
+
+def _filled(text: str) -> str:
+    """Return Markdown with its paragraphs wrapped evenly; tables keep their lines."""
+    blocks = text.strip().split("\n\n")
+    return "\n\n".join(
+        block
+        if block.lstrip().startswith("|")
+        else textwrap.fill(" ".join(block.split()), _WIDTH, break_long_words=False, break_on_hyphens=False)
+        for block in blocks
+    )
 
 
 @dataclass(frozen=True)
@@ -54,7 +68,7 @@ class Section:
         """Return the part as Markdown."""
         parts = [f"## {self.title}"]
         if self.text:
-            parts.append(self.text.strip())
+            parts.append(_filled(self.text))
         if self.checks:
             head = ["| check | figure | target | met | |", "|---|---|---|---|---|"]
             parts.append("\n".join([*head, *(check.row() for check in self.checks)]))
@@ -67,11 +81,15 @@ def render(sections: list[Section]) -> str:
     """Return the page."""
     checks = [check for section in sections for check in section.checks]
     met = sum(check.passed for check in checks)
-    head = f"""# Validation of the simulated fish
-
+    head = f"""
 Made by `make validation` (`./run fin_sim validation`) from what is committed; do not edit it by hand. {met} of
 {len(checks)} figures meet their target. Symbols: E Young's modulus, U speed, S C_D drag area, C_N coefficient of the
 resistive force. The *paper fin* is 8.0 cm long, 2.5 cm high and 0.208 mm thick in three segments, driven at 0.9 Hz and
 15 degrees either way on a body of 14 cm; the papers print a thickness of 1 mm, with which their own equation 3 makes
 the fin rigid at 0.9 Hz, and 0.208 mm gives the hinge stiffnesses that they print."""
-    return "\n\n".join([head, *(section.markdown() for section in sections)]) + "\n"
+    return (
+        "\n\n".join(
+            ["# Validation of the simulated fish", _filled(head), *(section.markdown() for section in sections)]
+        )
+        + "\n"
+    )

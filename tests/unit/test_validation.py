@@ -1,0 +1,94 @@
+"""The validation page: what counts as met, and what the committed page states."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fin_sim import swim_command
+from fin_sim.validation import command, measured, paper
+from fin_sim.validation.page import Check, Section, render
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT / "tests" / "data"
+PRESETS = sorted((ROOT / "ros2_ws" / "src" / "fin_sim" / "config").glob("*.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("value", "passed"), [(0.0, True), (-1.0, True), (1.1, False), (math.nan, False), (math.inf, False)]
+)
+def test_figure_meets_its_target_or_does_not(value: float, passed: bool) -> None:
+    assert Check("a", value, 1.0).passed is passed
+
+
+def test_page_states_every_figure_with_its_target() -> None:
+    section = Section("Part", [Check("one", 1e-7, 1e-6), Check("two", 2.0, 1.0)], "text", "a.png", "caption")
+    page = render([section])
+    assert "1 of 2 figures meet their target" in " ".join(page.split())
+    assert "| one | 1e-07 | 1e-06 | yes |" in page
+    assert "| two | 2 | 1 | **no** |" in page
+    assert "figures/a.png" in page
+
+
+def test_every_figure_of_the_committed_page_meets_its_target() -> None:
+    page = (ROOT / "docs" / "validation.md").read_text(encoding="utf-8")
+    met, total = re.findall(r"(\d+)\s+of\s+(\d+)\s+figures", page)[0]
+    assert met == total
+    assert int(total) >= 70
+    for name in re.findall(r"\(figures/(.*?)\)", page):
+        assert (ROOT / "docs" / "figures" / name).is_file()
+
+
+def test_command_outside_the_repository_says_what_to_do(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert command.main(["--data", str(tmp_path), "--docs", str(tmp_path / "docs")]) == 2
+    assert "has no folder cases" in capsys.readouterr().err
+    assert not (tmp_path / "docs").exists()
+
+
+def test_stiff_end_fixes_the_drag_area_and_the_rest_is_predicted() -> None:
+    points = paper.published(DATA / "paper_curves.csv")
+    assert points["model"].ratio == pytest.approx(1.42, abs=0.01)
+    assert points["simulation"].ratio == pytest.approx(1.29, abs=0.01)
+    area, curve = paper.fit_model(paper.Curve(points["model"].modulus[-1:], points["model"].speed[-1:]))
+    assert 1e-3 < area < 1e-2
+    assert float(curve.speed[-1]) == pytest.approx(0.0356, rel=1e-9)
+    assert curve.best[0] < curve.modulus[-1]
+
+
+def test_measured_swims_beat_at_2_hz_and_turn_against_their_bias() -> None:
+    swims = measured.read_swims(DATA / "tail_actuated_fish_swims")
+    assert len(swims) == 27
+    assert measured.beat_frequency(swims) == pytest.approx(2.0, abs=0.1)
+    assert all(swim.bias * swim.turning_rate < 0.0 for swim in swims if swim.bias)
+
+
+def test_predicted_swims_turn_to_the_measured_side() -> None:
+    swims = measured.read_swims(DATA / "tail_actuated_fish_swims")
+    numbers = np.array(measured._START)
+    for swim in swims[::6]:
+        speed, turning_rate = measured.predict(numbers, swim, 2.0)
+        assert speed > 0.0
+        assert turning_rate * swim.bias <= 0.0
+
+
+def test_folder_without_swims_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="has no swims"):
+        measured.read_swims(tmp_path)
+
+
+@pytest.mark.parametrize("path", PRESETS, ids=lambda path: path.stem)
+def test_preset_swims(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    gait = ["--gait", "sub_carangiform", "--frequency", "1.2"] if path.stem == "sub_carangiform" else []
+    assert swim_command.main(["--params-file", str(path), "--duration", "4", *gait, "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["mean_speed"] > 0.0
+    assert (figures["efficiency"] is None) is (path.stem == "paper")  # which has the papers' force at the tip
+
+
+def test_there_are_presets() -> None:
+    assert {path.stem for path in PRESETS} == {"paper", "relay_tail", "sub_carangiform"}
