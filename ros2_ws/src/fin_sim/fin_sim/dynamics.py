@@ -280,12 +280,12 @@ def propagator(chain: Chain, step: float) -> tuple[NDArray[np.int64], NDArray[np
     linear[:count, count : 2 * count] = np.eye(count)
     for row, state in zip(response, accelerated, strict=True):
         linear[states.index(state), : 2 * count] = row
-    _, half_1, _, _ = exponential_functions(0.5 * step * linear)
+    half, half_1, _, _ = exponential_functions(0.5 * step * linear)
     exponential, phi_1, phi_2, phi_3 = exponential_functions(step * linear)
     matrices = np.stack(
         (
             linear,
-            scipy.linalg.expm(0.5 * step * linear),
+            half,
             exponential,
             0.5 * step * half_1,
             step * (phi_1 - 3.0 * phi_2 + 4.0 * phi_3),

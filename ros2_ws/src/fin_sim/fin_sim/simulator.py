@@ -53,7 +53,7 @@ _MARKERS_PER_SECOND = 10.0
 _CLOCK_PER_SECOND = 100.0
 # Samples that may be on their way to the slowest listener; the publishers' queues hold twice as many.
 _LARGEST_BACKLOG = topics.STREAM.depth // 2
-_ACKNOWLEDGE_WAIT = Duration(seconds=0.1)
+_ACKNOWLEDGE_WAIT = Duration(seconds=0.02)
 _HANGING_AFTER = 2.0
 _NO_WAIT = Duration(seconds=0.0)
 
@@ -116,14 +116,15 @@ class Simulator:
             ValueError: A start parameter that is refused.
         """
         self.node = create_node("simulator")
+        self._built: tuple[dict[str, Value], dynamics.Stepper] | None = None
         self._parameters = NodeParameters(
-            self.node, PARAMETERS, validate=build_stepper, on_change=self._parameters_changed
+            self.node, PARAMETERS, validate=self._build, on_change=self._parameters_changed
         )
         self._values = self._parameters.values
         self._sample_time = 1.0 / self._number("sample_rate")
         self._stamp = time.time_ns()
         self._pace = Pace(self._sample_time)
-        self._stepper = build_stepper(self._values)
+        self._stepper = self._build(self._values)
         self._compile()
         self._rest()
         self._offer()
@@ -131,6 +132,12 @@ class Simulator:
         self._publish_gait_applied()
 
     # -- set-up ------------------------------------------------------------------------------------------------------
+
+    def _build(self, values: Mapping[str, Value]) -> dynamics.Stepper:
+        """Return the stepper of these parameters; the one that was checked last is the one that is then taken."""
+        if self._built is None or self._built[0] != values:
+            self._built = dict(values), build_stepper(values)
+        return self._built[1]
 
     def _number(self, name: str) -> float:
         return cast("float", self._values[name])
@@ -241,7 +248,7 @@ class Simulator:
     def _parameters_changed(self, values: Mapping[str, Value]) -> None:
         before, self._values = self._values, dict(values)
         body = self._fish_state[: dynamics.BODY_STATES].copy()
-        self._stepper = build_stepper(values)
+        self._stepper = self._build(values)
         if len(self._fish_state) != len(self._stepper.start()):
             self._fish_state = self._stepper.start()  # another number of hinges: they start straight
             self._fish_state[: dynamics.BODY_STATES] = body
