@@ -283,6 +283,19 @@ def test_a_parameter_that_cannot_be_is_refused_at_the_start(
     assert f"error: {message}" in optimizer.output()
 
 
+def test_a_bring_up_that_is_killed_leaves_no_node_behind(start: Start, folder: Path) -> None:
+    process = start_bringup(start, folder, "trials:=1000")
+    wait_until(lambda: len(children_of(process.pid)) == 2, 20.0, lambda: f"two nodes; it said:\n{process.tail()}")
+    nodes = children_of(process.pid)
+    process.kill()
+    gone = [Path(f"/proc/{node}/exe") for node in nodes]
+    wait_until(lambda: not any(path.exists() for path in gone), 20.0, lambda: f"the end of the nodes {nodes}")
+
+
+def children_of(parent: int) -> list[int]:
+    return [int(word) for word in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+
+
 def test_a_simulator_that_dies_ends_the_bring_up_and_is_named(start: Start, folder: Path) -> None:
     study = start_bringup(start, folder, "trials:=1000")
     study.wait_for_output("trial 0001")

@@ -6,6 +6,7 @@ exit code.
 
 from __future__ import annotations
 
+import ctypes
 import os
 import selectors
 import signal
@@ -30,6 +31,8 @@ EXIT_USAGE = 2
 # closes a bag and a journal, for which a slow disk may need its time.
 _WAYS_TO_END = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
 _LAST_WORDS = 20
+# From <linux/prctl.h>.
+_PR_SET_PDEATHSIG = 1
 
 
 def find_executable(package: str, executable: str) -> Path:
@@ -48,6 +51,11 @@ def find_executable(package: str, executable: str) -> Path:
     raise FileNotFoundError(msg)
 
 
+def _end_with_parent() -> None:
+    """Have Linux send this process SIGTERM when its parent is gone: a killed bring-up leaves no node running."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
 class Child:
     """A node's process, in a process group of its own, so that it gets each signal once and from here only."""
 
@@ -60,7 +68,12 @@ class Child:
         self.name = spec.name
         self.last_words: deque[str] = deque(maxlen=_LAST_WORDS)
         command = [str(find_executable(spec.package, spec.executable)), *spec.ros_arguments()]
-        self.process = subprocess.Popen(command, start_new_session=True, stderr=subprocess.PIPE)  # noqa: S603
+        self.process = subprocess.Popen(  # noqa: S603
+            command,
+            start_new_session=True,
+            stderr=subprocess.PIPE,
+            preexec_fn=_end_with_parent,  # noqa: PLW1509  (there are no threads here)
+        )
         self.ended = os.pidfd_open(self.process.pid)
         assert self.process.stderr is not None  # noqa: S101 - asked for above
         self.errors = self.process.stderr
