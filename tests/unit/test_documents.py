@@ -38,9 +38,8 @@ def test_every_file_that_the_readme_shows_is_there() -> None:
 def test_every_parameter_in_the_readmes_table_exists() -> None:
     page = (ROOT / "docs" / "parameters.md").read_text(encoding="utf-8")
     section = README.split("## Parameters")[1].split("\n## ")[0]
-    names = [
-        name for row in re.findall(r"^\| (`[^|]+) \|", section, flags=re.MULTILINE) for name in re.findall(r"`([^`]+)`", row)
-    ]
+    rows = re.findall(r"^\| (`[^|]+) \|", section, flags=re.MULTILINE)
+    names = [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
     assert len(names) > 10
     for name in names:
         full = f"search.young_modulus{name}" if name.startswith(".") else name

@@ -22,7 +22,7 @@ setup(
     zip_safe=False,
     maintainer="Fin maintainers",
     maintainer_email="maintainers@users.noreply.example",
-    description="Finds the caudal fin that swims fastest: proposes a design, has a plant swim it, scores it, records it, goes on.",
+    description="Finds the caudal fin that swims fastest: proposes a fin, has a plant swim it, scores it, records it.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
 from fin_optimizer import graph
-from launch import LaunchDescription
 
 if TYPE_CHECKING:
     from launch import LaunchContext

@@ -58,7 +58,7 @@ def _moments(link: Link, power: int) -> list[float]:
         distance = start + half * (1.0 + _GAUSS_POINTS)
         height = low + (high - low) * 0.5 * (1.0 + _GAUSS_POINTS)
         density = half * _GAUSS_WEIGHTS * height**power
-        total += [density.sum(), density @ distance, density @ distance**2]
+        total += np.array([density.sum(), density @ distance, density @ distance**2])
     return [float(value) for value in total]
 
 

@@ -476,7 +476,8 @@ class Stepper:
             samples: Number of samples to advance by.
             first: Sample to advance from. A swim advanced in slices has bit for bit the times of one in a piece.
         """
-        return 0.5 * self.step * (2 * first * self.every + np.arange(2 * samples * self.every + 1))
+        steps = np.arange(2 * samples * self.every + 1, dtype=np.float64)
+        return 0.5 * self.step * (2 * first * self.every + steps)
 
     def advance(
         self, state: NDArray[np.float64], motion: NDArray[np.float64]
