@@ -27,10 +27,13 @@ from fin_sim.swim import PAPER_FISH, Swim, swim
 from fin_sim.validation import convergence, equations
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
 # Each example swims for some milliseconds; what is slow is the first call, which loads the compiled kernel.
-_QUICK = settings(deadline=None, max_examples=20, suppress_health_check=[HealthCheck.too_slow])
+# The same examples every time, so that a change is not blamed for a find by luck; 400 and 1500 have been tried.
+_QUICK = settings(derandomize=True, deadline=None, max_examples=20, suppress_health_check=[HealthCheck.too_slow])
 
 
 @st.composite
@@ -256,3 +259,20 @@ def test_kernel_gives_the_same_without_the_compiler() -> None:
     )
     # The compiler may reorder sums.
     assert json.loads(done.stdout) == pytest.approx(expected, rel=1e-9, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: closed_forms.plate_virtual_mass(0.0), "height = 0 m"),
+        (lambda: closed_forms.plate_virtual_mass(0.02, -1.0), "density = -1 kg/m"),
+        (lambda: closed_forms.plate_thrust(math.nan, 1.0, 0.1, 1.0, 0.0), "length = nan"),
+        (lambda: closed_forms.plate_power(0.1, 1.0, math.inf, 1.0, 0.0), "amplitude = inf"),
+        (lambda: closed_forms.coasting_speed(0.1, 0.0, 1.0, 1.0), "mass = 0 kg"),
+        (lambda: closed_forms.coasting_speed(0.1, 1.0, 1.0, -1.0), "time = -1 s"),
+        (lambda: closed_forms.midpoint_deflection(0), "segments = 0"),
+    ],
+)
+def test_closed_forms_refuse_what_cannot_be(call: Callable[[], float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        call()

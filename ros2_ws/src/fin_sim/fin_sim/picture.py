@@ -30,6 +30,7 @@ _FRAMES_PER_SECOND = 25
 # A GIF of more frames takes minutes to write and tens of megabytes.
 _MOST_FRAMES = 750
 ANIMATIONS = (".gif", ".mp4")
+_LARGEST_LEGEND = 6
 
 
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, NDArray[np.object_]]:
@@ -63,11 +64,14 @@ def plot_swim(swim: Swim, path: Path) -> None:
     )
     speed.set(xlabel="time, s", ylabel="forward speed, cm/s", title="Forward speed")
     speed.legend(frameon=False)
+    few = len(swim.chain.links) <= _LARGEST_LEGEND
+    dashes = iter(("-", "--", ":") * len(swim.chain.links))
     for index, (driven, angles) in enumerate(zip(swim.chain.driven, swim.joint_angles.T, strict=True), start=1):
-        label = f"joint {index} ({'driven' if driven else 'hinge'})" if len(swim.chain.links) <= 6 else None  # noqa: PLR2004
-        joints.plot(swim.time, np.degrees(angles), color=TAIL_COLOUR if driven else None, label=label)
+        style = {"color": TAIL_COLOUR, "ls": next(dashes)} if driven else {}
+        label = f"joint {index} ({'driven' if driven else 'hinge'})" if few else None
+        joints.plot(swim.time, np.degrees(angles), label=label, **style)
     joints.set(xlabel="time, s", ylabel="angle, degrees", title="Joints")
-    if len(swim.chain.links) <= 6:  # noqa: PLR2004
+    if few:
         joints.margins(y=0.2)
         joints.legend(frameon=False, fontsize="small", loc="upper right", ncols=3)
     power.plot(swim.time, 1000.0 * swim.servo_power, color=FIN_COLOUR)
