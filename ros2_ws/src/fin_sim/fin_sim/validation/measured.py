@@ -223,7 +223,8 @@ degrees, which nothing was fitted to, {100.0 * speed:.2f} cm/s of {100.0 * mean_
 What this shows: speed over amplitude, turning over bias and their signs follow from the equations. What it does not:
 the
 identified numbers carry whatever the assumed geometry has wrong. The drag area is far below what a hull of that size
-has and is poorly determined, since the swims are short and still accelerating: the computed thrust is probably too small.
+has and is poorly determined, since the swims are short and still accelerating: the computed thrust is probably too
+small.
 The swims of 15 degrees come out about 1 cm/s too fast. Lift and yaw damping trade against each other. The fish turns
 differently to the left and to the right at large bias, which the offset of the bias does not explain."""
     caption = "Computed over measured means of the second half; the grey line is agreement."
