@@ -4,6 +4,7 @@ SHELL := bash
 .DEFAULT_GOAL := help
 
 environment := . scripts/environment.sh
+PLANT ?= sim
 
 .PHONY: help
 help: ## show this
@@ -14,12 +15,16 @@ setup: ## prepare everything: packages and the workspace; quick when nothing cha
 	@scripts/setup.sh
 
 .PHONY: demo
-demo: setup ## optimise the paper fin: 30 simulated trials, one bag each, results in runs/
-	@./run fin_optimizer bringup
+demo: setup ## optimise the paper fin: 30 simulated trials, one bag each, results in runs/; PLANT=rehearsal for the robot's path
+	@./run fin_optimizer bringup plant:=$(PLANT) $(ARGS)
 
 .PHONY: test
 test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k name" narrows them
 	@$(environment) && exec python -m pytest $(PYTEST_ARGS)
+
+.PHONY: test-long
+test-long: setup ## the proofs that take minutes: hundreds of kills, real firmware, exhaustive grids, mutants
+	@$(environment) && exec python -m pytest -m "long or firmware" --timeout=1800 $(PYTEST_ARGS)
 
 .PHONY: validation
 validation: setup ## check the physics against every known answer; writes docs/validation.md and its figures
