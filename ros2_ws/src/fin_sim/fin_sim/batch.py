@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Precision = Literal["double", "single"]
 FinColumns = Mapping[str, "ArrayLike"]
 
-LONGEST_LANE_CHAIN = 8
+LONGEST_LANE_CHAIN = 12
 """Links up to which code is generated: each link adds a second to the first call's compilation."""
 STEPS_A_BEAT = 56.0
 LONGEST_STEP = 0.02
