@@ -86,9 +86,7 @@ def evaluate(chain: Chain, table: Array, state: Array, drive: Array) -> tuple[Ar
     links = len(table)
     derivative, record, scratch = np.zeros(len(state)), np.zeros(5 + links), np.zeros((links, 9))
     form = (chain.clamp == "free", chain.reactive == "distributed")
-    dynamics.evaluate(  # type: ignore[no-untyped-call]
-        state, drive, table, chain.body_vector(), *form, derivative, record, scratch
-    )
+    dynamics.evaluate(state, drive, table, chain.body_vector(), *form, derivative, record, scratch)
     return derivative, record
 
 

@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import subprocess
+import sys
+import time
 from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +21,7 @@ from fin_optimizer.search import HillClimber
 from fin_plant.fin import Fin
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
+    from collections.abc import Callable, Sequence
 
     from fin_optimizer.experiments import Table
 
@@ -131,6 +136,38 @@ def test_a_kill_loses_the_run_under_way_and_no_other(tmp_path: Path, monkeypatch
     with pytest.raises(Killed), ThreadPoolExecutor(1) as executor:
         campaign.carry_out(plan(SMALL, ["genetic", "shape"]), tmp_path, executor, lambda *_: None)
     assert len(campaign.finished(tmp_path, plan(SMALL))) == 3
+
+
+def test_a_killed_command_leaves_no_process_and_is_resumed(tmp_path: Path) -> None:
+    script = "from fin_optimizer import campaign; campaign.main()"
+    arguments = ["genetic", "--output", str(tmp_path), "--generations", "2000", "--genetic-runs", "40"]
+    session = subprocess.Popen(
+        [sys.executable, "-c", script, *arguments], stderr=subprocess.PIPE, start_new_session=True
+    )
+    with session, contextlib.closing(session.stderr or io.BytesIO()):
+        until(lambda: any((tmp_path / "runs").glob("genetic-*.npz")) if (tmp_path / "runs").exists() else False)
+        session.kill()
+    until(lambda: not members(session.pid))
+    study = Study(generations=2000, genetic_runs=40)
+    kept = campaign.finished(tmp_path, plan(study, ["genetic"]))
+    assert 1 <= len(kept) < 40
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for a condition; the test's own time limit ends it."""
+    while not condition():
+        time.sleep(0.02)
+
+
+def members(session: int) -> list[int]:
+    """Return the processes of a session that are alive."""
+    found = []
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, _, _, its_session = stat.read_text().rpartition(")")[2].split()[:4]
+            if int(its_session) == session and state != "Z":
+                found.append(int(stat.parent.name))
+    return found
 
 
 def test_climbers_in_step_are_the_studys_hill_climber(expected: dict[Run, Table]) -> None:

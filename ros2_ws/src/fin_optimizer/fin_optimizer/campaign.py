@@ -12,12 +12,14 @@ import json
 import multiprocessing
 import os
 import sys
+import threading
 import time
 import zipfile
 from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from multiprocessing.connection import wait
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -156,6 +158,18 @@ def collect(folder: Path, results: Mapping[Run, Table]) -> None:
     _write(folder / "runs.csv", lambda path: path.write_text("\n".join(lines) + "\n", encoding="utf-8"))
 
 
+def _end_with_parent() -> None:
+    """End this worker when the campaign is gone: a killed one cannot tell its workers to."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+
+        def watch() -> None:
+            wait([parent.sentinel])
+            os._exit(1)
+
+        threading.Thread(target=watch, daemon=True).start()
+
+
 @contextmanager
 def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
     """Yield where the runs are carried out: processes of this machine, or a Dask cluster.
@@ -167,7 +181,7 @@ def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
         # Not forked from this process, which has threads: from a server that has imported the experiments once.
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["fin_optimizer.experiments"])
-        pool = ProcessPoolExecutor(workers, mp_context=context)
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
         try:
             yield pool
         finally:
