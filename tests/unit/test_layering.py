@@ -23,6 +23,8 @@ ROS_MODULES = {
     "fin_plant.node_parameters",
     "fin_plant.node_process",
     "fin_plant.topics",
+    "fin_servo_driver.driver_client",
+    "fin_servo_driver.operator",
     "fin_servo_driver.rehearsal",
     "fin_servo_driver.servo_driver",
     "fin_servo_driver.velocity_estimator",

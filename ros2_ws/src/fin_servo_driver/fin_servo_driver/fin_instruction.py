@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fin_plant.fin import ProfiledFin
+
 if TYPE_CHECKING:
     from fin_plant.fin import Fin
 
@@ -34,9 +36,14 @@ def material(young_modulus: float) -> str:
 
 def sizes(fin: Fin) -> dict[str, str]:
     """Return what to cut, by name."""
+    points = {0.0: fin.height, fin.length: fin.tip_height}
+    if isinstance(fin, ProfiledFin):
+        inner = (fin.length * position for position in fin.profile_position)
+        points = {0.0: fin.height, **dict(zip(inner, fin.profile_height, strict=True)), fin.length: fin.tip_height}
     height = f"{fin.height * _MILLIMETRES:.1f} mm"
-    if fin.tip_height != fin.height:
-        height += f" at the tail, {fin.tip_height * _MILLIMETRES:.1f} mm at the tip"
+    if len(set(points.values())) > 1:
+        stations = (f"{d * _MILLIMETRES:.1f} mm at {s * _MILLIMETRES:.1f} mm" for s, d in points.items())
+        height = f"{' - '.join(stations)} behind the tail"
     return {
         "material": material(fin.young_modulus),
         "length": f"{fin.length * _MILLIMETRES:.1f} mm",

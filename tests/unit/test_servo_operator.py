@@ -1,0 +1,191 @@
+"""What the operator is told to do, how a fin is shown, and how a servo is calibrated at the bench."""
+
+from __future__ import annotations
+
+import io
+import math
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from fin_plant.fin import Fin
+from fin_plant.plant_state import PlantState, State
+from fin_servo_driver import calibrate_servo, robot_file
+from fin_servo_driver.calibrate_servo import Calibration, Leave
+from fin_servo_driver.emulator.devices import Firmata
+from fin_servo_driver.emulator.pty_port import PtyPort
+from fin_servo_driver.fin_instruction import instruction, material, sizes
+from fin_servo_driver.robot_file import ServoJoint
+from support.waiting import wait_until
+
+operator = pytest.importorskip("fin_servo_driver.operator")
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+JOINT = ServoJoint(9, 1500, 1, 573, 1200, 1800)
+
+
+def state(name: State, reason: str = "", waiting_for: str = "") -> PlantState:
+    return PlantState(name, "robot", 1, reason, {}, {"waiting_for": waiting_for})
+
+
+@pytest.mark.parametrize(
+    ("given", "says", "action"),
+    [
+        (None, "Waiting for the servo driver", ""),
+        (state(State.FAULT, "the driver is not configured"), "open the port", "configure"),
+        (state(State.FAULT, "cannot configure: port /dev/x is absent"), "open the port", "configure"),
+        (state(State.FAULT, "the emergency stop is latched"), "press r", ""),
+        (state(State.FAULT, "/dev/x was lost"), "reconnects by itself", ""),
+        (state(State.WAITING_FOR_FIN, waiting_for="fin"), "Mount this fin", "confirm_fin"),
+        (state(State.WAITING_FOR_RESET, waiting_for="arming"), "ARM", "activate"),
+        (state(State.WAITING_FOR_RESET, waiting_for="mark"), "back to its mark", "reset"),
+        (state(State.READY), "Nothing to do", ""),
+        (state(State.SWIMMING), "The space bar stops", ""),
+    ],
+)
+def test_the_operator_is_told_what_to_do(given: PlantState | None, says: str, action: str) -> None:
+    advice, chosen = operator.next_step(given)
+    assert says in advice
+    assert chosen == action
+
+
+def test_the_fin_is_shown_as_a_person_would_cut_it() -> None:
+    fin = Fin(young_modulus=2.35e9, length=0.07, height=0.03, tip_height=0.05)
+    shown = state(State.WAITING_FOR_FIN, f"mount the fin: {instruction(fin)}", "fin")
+    console = Console(width=100, file=io.StringIO(), record=True)
+    console.print(operator.screen(shown, {"connected": "True"}, "done"))
+    text = console.export_text()
+    for part in ("2.35 GPa (about polycarbonate)", "70.0 mm", "30.0 mm at 0.0 mm - 50.0 mm at 70.0 mm", "0.208 mm"):
+        assert part in text
+    assert "EMERGENCY STOP" in text
+
+
+def test_sizes_are_in_millimetres() -> None:
+    assert sizes(Fin()) == {
+        "material": "E = 1.2 GPa",
+        "length": "80.0 mm",
+        "height": "25.0 mm",
+        "thickness": "0.208 mm",
+    }
+    profiled = Fin.from_parameters({"fin.profile_position": [0.5], "fin.profile_height": [0.04]})
+    assert "25.0 mm at 0.0 mm - 40.0 mm at 40.0 mm - 25.0 mm at 80.0 mm" in instruction(profiled)
+
+
+def test_a_material_is_named_only_where_it_is_near() -> None:
+    assert material(3.6e6) == "E = 3.6 MPa (about silicone rubber, 60 Shore A)"
+    assert material(1.4e9) == "E = 1.4 GPa (about polypropylene)"
+    assert material(1.0e9) == "E = 1 GPa"
+
+
+# -- calibration -----------------------------------------------------------------------------------------------------
+
+
+def calibration() -> Calibration:
+    return Calibration(JOINT, 1500.0, 544.0, 2400.0)
+
+
+def obey(subject: Calibration, *lines: str) -> str:
+    return [subject.obey(line) for line in lines][-1]
+
+
+def test_centre_scale_direction_and_range_come_from_what_is_measured() -> None:
+    subject = calibration()
+    obey(subject, "= 1450", "c", "= 1300", "a 15", "- 50", "l", "= 1650", "h")
+    assert subject.joint.centre == 1450.0
+    assert subject.joint.direction == -1
+    assert subject.joint.units_per_radian == pytest.approx(150.0 / math.radians(15.0))
+    assert (subject.joint.lowest, subject.joint.highest) == (1250.0, 1650.0)
+    assert subject.joint.angle_at(1300.0) == pytest.approx(math.radians(15.0))
+
+
+@pytest.mark.parametrize(
+    ("line", "complaint"),
+    [
+        ("= 100", r"position 100 is outside the device's range \[544, 2400\]"),
+        ("= nan", "no finite number"),
+        ("+ inf", "no finite number"),
+        ("a 15", "too small to measure by"),
+        ("= 1400 ", None),
+        ("jump", "'jump' is no command"),
+        ("=", "is no command"),
+        ("= abc", "could not convert"),
+        ("h", "must lie between"),
+    ],
+)
+def test_a_line_that_cannot_be_is_refused_and_changes_nothing(line: str, complaint: str | None) -> None:
+    subject = calibration()
+    if complaint is None:
+        subject.obey(line)
+        return
+    before = (subject.joint, subject.position)
+    with pytest.raises(ValueError, match=complaint):
+        subject.obey(line)
+    assert (subject.joint, subject.position) == before
+
+
+@given(st.lists(st.text(alphabet="+-=calhx 0123456789.e", max_size=8), max_size=20))
+def test_no_line_breaks_it_or_leads_beyond_the_device(lines: list[str]) -> None:
+    subject = calibration()
+    for line in lines:
+        try:
+            subject.obey(line)
+        except ValueError:
+            continue
+        assert 544.0 <= subject.position <= 2400.0
+        assert subject.joint.lowest < subject.joint.centre < subject.joint.highest
+
+
+@pytest.mark.parametrize(("line", "store"), [("s", True), ("q", False)])
+def test_there_are_two_ways_to_leave(line: str, store: bool) -> None:
+    with pytest.raises(Leave) as leave:
+        calibration().obey(line)
+    assert leave.value.store is store
+
+
+def test_the_program_stores_what_was_measured_and_lets_go_of_the_servo(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "robot.yaml"
+    robot_file.save(robot_file.load(robot_file.find("firmata")), path)
+    board = Firmata()
+    port = PtyPort(board, tmp_path / "port")
+
+    class Person(io.StringIO):
+        def __next__(self) -> str:  # type: ignore[override]
+            """Wait until the servo has turned before the next command."""
+            line = super().__next__()
+            wanted = {"c\n": 1520.0, "a 8\n": 1600.0}.get(line)
+            if wanted is not None:
+                wait_until(lambda: board.outputs.get(9) == wanted, 5.0, f"{wanted} us")
+            return line
+
+    monkeypatch.setattr(sys, "stdin", Person("= 1520\nc\nnonsense\n= 1600\na 8\ns\n"))
+    try:
+        assert calibrate_servo.main([str(path), "--port", str(port.path)]) == 0
+        said = capsys.readouterr().out
+        assert "no: 'nonsense' is no command" in said
+        assert "stored in" in said
+        joint = robot_file.load(path).servos[0]
+        assert joint.centre == 1520.0
+        assert joint.units_per_radian == pytest.approx(80.0 / math.radians(8.0))
+        wait_until(lambda: not board.outputs, 5.0, "silence")
+    finally:
+        port.close()
+
+
+def test_a_port_in_use_is_an_error_with_advice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "robot.yaml"
+    robot_file.save(robot_file.load(robot_file.find("firmata")), path)
+    monkeypatch.setattr(sys, "stdin", io.StringIO(""))
+    assert calibrate_servo.main([str(path), "--port", str(tmp_path / "none")]) == 1
+    assert "is absent: is the device plugged in?" in capsys.readouterr().err
+    assert calibrate_servo.main([str(path), "--joint", "3"]) == 1
+    assert "--joint 3 is not one of the robot's servos, 1 to 1" in capsys.readouterr().err
