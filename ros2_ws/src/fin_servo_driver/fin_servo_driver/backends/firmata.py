@@ -25,6 +25,9 @@ LOWEST_MICROSECONDS = 544
 HIGHEST_MICROSECONDS = 2400
 FIRST_PULSE = 1500
 """us. The servo library starts a servo with this pulse before the first set-point arrives."""
+_LARGEST_MINIMUM, _SMALLEST_MAXIMUM = 1056, 1892
+"""us. The firmware keeps a servo's range as its distance from 544 and 2400 us, in steps of 4 us in one signed byte: a
+narrower range overflows it and bounds nothing."""
 _LAST_SHORT_PIN = 15
 _VERSION = 0xF9
 _START_SYSEX, _END_SYSEX, _EXTENDED_ANALOG, _SERVO_CONFIG, _STRING = 0xF0, 0xF7, 0x6F, 0x70, 0x71
@@ -148,7 +151,9 @@ class Firmata(Backend):
         """Attach the servos and send neutral in the same breath, so that neutral is the first pulse but one at most."""
         frames = b""
         for joint in self.robot.servos:
-            frames += servo_range(joint.channel, round(joint.lowest), round(joint.highest))
+            lowest = min(round(joint.lowest), _LARGEST_MINIMUM)
+            highest = max(round(joint.highest), _SMALLEST_MAXIMUM)
+            frames += servo_range(joint.channel, lowest, highest)
             frames += servo_mode(joint.channel) + pulse(joint.channel, round(neutral[joint.channel]))
         line.write(frames)
 

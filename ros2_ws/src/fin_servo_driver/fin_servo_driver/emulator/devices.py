@@ -46,6 +46,7 @@ class Firmata(Device):
     def __init__(self) -> None:
         super().__init__()
         self._message = bytearray()
+        self._ranges: dict[int, tuple[int, int]] = {}
 
     def opened(self, now: float) -> bytes:
         """Reset: all pins without pulses; then the banner."""
@@ -80,7 +81,8 @@ class Firmata(Device):
                 self._pulse(command & 0x0F, low | high << 7)
             case [0xF0, 0x6F, pin, low, high, 0xF7]:
                 self._pulse(pin, low | high << 7)
-            case [0xF0, 0x70, pin, _, _, _, _, 0xF7]:
+            case [0xF0, 0x70, pin, low, low_high, high, high_high, 0xF7]:
+                self._ranges[pin] = (low | low_high << 7, high | high_high << 7)
                 self.outputs.setdefault(pin, float(firmata.FIRST_PULSE))
             case [*_, 0xF7] | [0xF4, _, _]:
                 pass
@@ -92,7 +94,9 @@ class Firmata(Device):
     def _pulse(self, pin: int, width: int) -> None:
         if pin in self.outputs:
             in_degrees = width < firmata.LOWEST_MICROSECONDS
-            self.outputs[pin] = 544.0 + width * 1856.0 / 180.0 if in_degrees else float(width)
+            wanted = 544.0 + width * 1856.0 / 180.0 if in_degrees else float(width)
+            low, high = self._ranges.get(pin, (544, 2400))
+            self.outputs[pin] = min(max(wanted, low), high)
 
 
 class Maestro(Device):

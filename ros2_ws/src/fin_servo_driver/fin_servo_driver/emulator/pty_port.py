@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
     from fin_servo_driver.emulator.devices import Device
@@ -38,7 +37,6 @@ class PtyPort:
         self.drop_rate = 0.0
         self.silent = False
         self.received = bytearray()
-        self.on_feed: Callable[[float], None] = lambda _: None
         self._keep = keep
         self._random = np.random.default_rng(seed)
         self._master: int | None = None
@@ -114,7 +112,6 @@ class PtyPort:
                 self.received += data
             if not self.silent:
                 self._answer(master, self.device.feed(self._lossy(data), now))
-                self.on_feed(now)
 
     def _answer(self, master: int, data: bytes) -> None:
         if data:
