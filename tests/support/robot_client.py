@@ -1,0 +1,82 @@
+"""A client of the servo driver for tests: what an operator does, besides what every plant's client does."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import TYPE_CHECKING, Any
+
+from lifecycle_msgs.msg import State as LifecycleState
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from std_srvs.srv import SetBool, Trigger
+
+from fin_plant import topics
+from fin_plant.plant_state import State
+from support.plant_client import PlantClient
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from fin_servo_driver.emulator.devices import Device
+    from fin_servo_driver.emulator.pty_port import PtyPort
+
+CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
+DEACTIVATE, CLEAN_UP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
+UNCONFIGURED, INACTIVE = LifecycleState.PRIMARY_STATE_UNCONFIGURED, LifecycleState.PRIMARY_STATE_INACTIVE
+ACTIVE = LifecycleState.PRIMARY_STATE_ACTIVE
+
+
+class RobotClient(PlantClient):
+    """Everything a test asks of the servo driver."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__(domain, "servo_driver")
+
+    def change_state(self, transition: int) -> bool:
+        """Ask for a transition of the life cycle; return whether it was made."""
+        answer = self._call(ChangeState, "change_state", ChangeState.Request(transition=Transition(id=transition)))
+        return bool(answer.success)
+
+    def life_cycle(self) -> int:
+        """Return the state of the life cycle."""
+        return int(self._call(GetState, "get_state", GetState.Request()).current_state.id)
+
+    def emergency_stop(self, *, on: bool) -> Any:
+        """Call ~/estop."""
+        return self._call(SetBool, topics.EMERGENCY_STOP_SERVICE, SetBool.Request(data=on))
+
+    def confirm_fin(self) -> Any:
+        """Call ~/confirm_fin."""
+        return self._call(Trigger, topics.CONFIRM_FIN_SERVICE, Trigger.Request())
+
+    def make_ready(self) -> None:
+        """Configure, mount the fin asked for, arm."""
+        assert self.change_state(CONFIGURE), self.reason()
+        self.wait_for_state(State.WAITING_FOR_FIN)
+        assert self.confirm_fin().success
+        assert self.change_state(ACTIVATE), self.reason()
+        self.wait_for_state(State.READY)
+
+    def reason(self) -> str:
+        """Return the reason in the newest plant_state."""
+        self.spin(0.1)
+        state = self.state()
+        return state.reason if state else "no plant_state"
+
+    def spin(self, seconds: float) -> None:
+        """Listen, and repeat the gait, for so long: where a test is about time that passes."""
+        with contextlib.suppress(AssertionError):
+            self.wait_until(lambda: False, "the end", timeout=seconds)
+
+
+@contextlib.contextmanager
+def plugged_in(device: Device, folder: Path, *, keep: bool = False) -> Iterator[PtyPort]:
+    """Yield a device on a pty in this folder."""
+    from fin_servo_driver.emulator.pty_port import PtyPort  # noqa: PLC0415 - only where a robot is emulated
+
+    port = PtyPort(device, folder / "port", keep=keep)
+    try:
+        yield port
+    finally:
+        port.close()
