@@ -449,7 +449,7 @@ class ServoDriver:
         """Notice that the tail has stopped by itself: the commander fell silent, or the device was lost."""
         if self._sent is None:
             return
-        following = io.health.phase is Phase.FOLLOWING
+        following = io.health.phase in {Phase.FOLLOWING, Phase.STOPPING}
         self._followed = self._followed or following
         overdue = time.monotonic() - self._sent.time > _TAKE_SECONDS
         if following or not (self._followed or overdue):

@@ -1,0 +1,498 @@
+"""The servo driver node on an emulated Arduino: silent until armed, safe on every way out, bad set-ups refused."""
+
+from __future__ import annotations
+
+import math
+import os
+import pty
+import signal
+import stat
+import time
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+import serial
+import yaml
+from std_msgs.msg import Float64MultiArray
+
+from fin_plant import topics
+from fin_plant.gait import PAPER_GAIT, carangiform
+from fin_plant.messages import gait_message, nanoseconds_of
+from fin_plant.plant_state import State
+from fin_servo_driver.emulator.devices import Firmata
+from support.robot_client import (
+    ACTIVATE,
+    ACTIVE,
+    CLEAN_UP,
+    CONFIGURE,
+    DEACTIVATE,
+    INACTIVE,
+    UNCONFIGURED,
+    RobotClient,
+    plugged_in,
+)
+from support.waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from fin_servo_driver.emulator.pty_port import PtyPort
+    from support.processes import StartedProcess
+
+pytestmark = pytest.mark.graph
+STILL = gait_message([[0.0, 0.9, 0.0, 0.0]])
+LOWEST, HIGHEST = 1200.0, 1800.0
+"""us, of the example robot."""
+
+
+class Recorder(Firmata):
+    """The emulated board, with every pulse width that it was told."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.widths: list[float] = []
+
+    def _pulse(self, pin: int, width: int) -> None:
+        super()._pulse(pin, width)
+        if (told := self.outputs.get(pin)) is not None:
+            self.widths.append(told)
+
+
+@pytest.fixture
+def port(tmp_path: Path) -> Iterator[PtyPort]:
+    with plugged_in(Recorder(), tmp_path, keep=True) as plugged:
+        yield plugged
+
+
+@pytest.fixture
+def driver(start: Callable[..., StartedProcess], port: PtyPort) -> StartedProcess:
+    return start_driver(start, f"port:={port.path}")
+
+
+@pytest.fixture
+def client(ros_domain: int) -> Iterator[RobotClient]:
+    with RobotClient(ros_domain) as robot_client:
+        yield robot_client
+
+
+def start_driver(start: Callable[..., StartedProcess], *parameters: str) -> StartedProcess:
+    words = [word for parameter in ("robot_file:=firmata", *parameters) for word in ("-p", parameter)]
+    return start("fin_servo_driver", "servo_driver", "--ros-args", *words)
+
+
+def recorder(port: PtyPort) -> Recorder:
+    assert isinstance(port.device, Recorder)
+    return port.device
+
+
+def swim_a_little(client: RobotClient, port: PtyPort, seconds: float = 1.2) -> None:
+    """Send the paper's gait again and again until the tail moves."""
+    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    client.wait_for_state(State.SWIMMING)
+    client.wait_until(lambda: max(recorder(port).widths, default=0.0) > 1640.0, "stroke")
+    client.spin(seconds)
+
+
+def pulses(port: PtyPort) -> bool:
+    return bool(port.device.outputs)
+
+
+def test_it_is_silent_until_it_is_armed(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    del driver
+    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    client.spin(0.5)
+    assert bytes(port.received) == b""
+    assert client.change_state(CONFIGURE)
+    client.spin(1.5)
+    assert set(port.received) <= {0xF9}  # it asks for the version, and nothing else
+    state = client.state()
+    assert state is not None
+    assert state.state is State.WAITING_FOR_FIN
+    assert client.diagnostic("gaits_refused") != "0"
+
+
+def test_a_gait_moves_the_tail_as_asked_and_joint_states_say_what_was_sent(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    assert not pulses(port)
+    swim_a_little(client, port, 3.0)
+    widths = recorder(port).widths
+    amplitude = 573.0 * math.radians(15.0)
+    assert max(widths) == pytest.approx(1500.0 + amplitude, abs=1.0)
+    assert min(widths) == pytest.approx(1500.0 - amplitude, abs=1.0)
+    states = client.received(topics.JOINT_STATES)
+    assert {m.header.frame_id for m in states} == {"commanded"}
+    assert list(states[-1].name) == ["tail_joint_1"]
+    stamps = np.array([nanoseconds_of(m.header.stamp) for m in states])
+    assert np.median(np.diff(stamps)) == pytest.approx(2e7, rel=0.1)
+    angles = np.array([m.position[0] for m in states])
+    moving = angles != 0.0
+    begin = client.wait_for_state(State.SWIMMING).stamp
+    times = (stamps[moving] - begin) / 1e9
+    settled = times > 0.5
+    expected = math.radians(15.0) * np.sin(2.0 * math.pi * 0.9 * times[settled])
+    # The stamp is the tick's own time up to the rate at which two clocks of this machine drift apart.
+    assert np.max(np.abs(angles[moving][settled] - expected)) < 2e-3
+
+
+# -- the four tests of a stale command -------------------------------------------------------------------------------
+
+
+def test_a_stale_command_times_out_to_neutral_and_then_no_pulse(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port)
+    client.publish_gait(gait_message(PAPER_GAIT.rows()))
+    silent_since = time.monotonic()
+    client.wait_until(lambda: not pulses(port), "silence")
+    assert 0.5 < time.monotonic() - silent_since < 1.5
+    assert recorder(port).widths[-3:] == [1500.0] * 3
+    state = client.wait_for_state(State.READY)
+    assert "no fresh gait within command_timeout" in state.reason
+    assert client.received(topics.GAIT_APPLIED)[-1].data[0] == 0.0
+    sent = len(recorder(port).widths)
+    client.spin(1.0)
+    assert len(recorder(port).widths) == sent
+
+
+def test_deactivating_leads_to_neutral_and_then_no_pulse(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port)
+    assert client.change_state(DEACTIVATE)
+    assert not pulses(port)
+    assert recorder(port).widths[-3:] == [1500.0] * 3
+    sent = len(recorder(port).widths)
+    client.spin(1.0)  # the gait is still repeated
+    assert len(recorder(port).widths) == sent
+    assert client.change_state(CLEAN_UP)
+    assert client.life_cycle() == UNCONFIGURED
+    assert client.change_state(CONFIGURE)
+    assert client.change_state(ACTIVATE)
+    client.wait_for_state(State.SWIMMING)  # armed anew by an explicit act, it follows the next gait
+
+
+def test_the_first_pulses_are_numbers_and_neutral(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    assert recorder(port).widths[0] == 1500.0
+    steps = np.abs(np.diff(recorder(port).widths))
+    assert np.max(steps) < 573.0 * 6.0 * 0.04  # the joint's rate over two periods
+
+
+def test_the_timeout_cannot_be_switched_off_by_a_slip(
+    start: Callable[..., StartedProcess], client: RobotClient, port: PtyPort
+) -> None:
+    driver = start_driver(start, f"port:={port.path}", "command_timeout:=0.0")
+    assert driver.wait() == 2
+    assert "command_timeout = 0 s is outside the allowed range [0.05, 10] s" in driver.output()
+    driver = start_driver(start, f"port:={port.path}", "watchdog.disabled_knowingly:=true")
+    client.make_ready()
+    driver.wait_for_output("the command watchdog is OFF")
+    swim_a_little(client, port, 0.0)
+    client.publish_gait(gait_message(PAPER_GAIT.rows()))
+    client.spin(1.5)
+    assert pulses(port)
+    assert client.set_parameters({"watchdog.disabled_knowingly": False}).successful is False
+
+
+# -- ways out --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_stops_the_pulses_after_neutral(
+    driver: StartedProcess, client: RobotClient, port: PtyPort, number: signal.Signals
+) -> None:
+    client.make_ready()
+    swim_a_little(client, port)
+    driver.signal(number)
+    assert driver.wait(5.0) == 128 + number
+    wait_until(lambda: not pulses(port), 2.0, "silence")
+    assert recorder(port).widths[-1] == 1500.0
+
+
+def test_the_emergency_stop_is_at_once_and_latched(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port)
+    assert client.emergency_stop(on=True).success
+    client.wait_until(lambda: not pulses(port), "silence", timeout=0.2)
+    client.wait_for_state(State.FAULT)
+    sent = len(recorder(port).widths)
+    client.spin(0.7)
+    assert len(recorder(port).widths) == sent
+    assert not client.reset().success
+    assert client.change_state(DEACTIVATE)
+    assert not client.change_state(ACTIVATE)
+    assert client.emergency_stop(on=False).success
+    assert client.change_state(ACTIVATE)
+    client.wait_for_state(State.WAITING_FOR_RESET)
+    client.spin(0.5)
+    assert len(recorder(port).widths) == sent
+    assert client.reset().success
+    client.wait_for_state(State.SWIMMING)
+
+
+def test_a_killed_driver_leaves_an_arduino_pulsing(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    """What docs/robot.md warns of: only a power switch helps. A driver that is started anew stops it."""
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    driver.kill()
+    time.sleep(0.3)
+    assert pulses(port)
+
+
+# -- gaits, fins, resets ---------------------------------------------------------------------------------------------
+
+
+def test_bad_gaits_are_refused_counted_and_do_not_feed_the_watchdog(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    rows = [[math.nan, 0.9, 0.0, 0.0], [math.inf, 0.9, 0.0, 0.0], [0.1, 0.9, 0.0], [], [0.1, 0.9, 0.0, 0.0] * 2]
+    for data in rows:
+        client.publish_gait(Float64MultiArray(data=data), repeat=True)
+        client.spin(0.25)
+    client.wait_until(lambda: not pulses(port), "silence")
+    client.wait_until(lambda: int(client.diagnostic("gaits_refused") or 0) >= len(rows), "count of refusals")
+    assert all(LOWEST <= width <= HIGHEST for width in recorder(port).widths)
+
+
+def test_a_gait_beyond_the_limits_is_applied_inside_them_and_said_so(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    client.publish_gait(gait_message(carangiform(1.5, 50.0).rows()), repeat=True)
+    client.wait_for_state(State.SWIMMING)
+    client.wait_until(lambda: client.received(topics.GAIT_APPLIED)[-1].data[0] > 0.0, "gait_applied")
+    amplitude, frequency, *_ = client.received(topics.GAIT_APPLIED)[-1].data
+    assert frequency == 5.0
+    assert amplitude == pytest.approx(6.0 / (2.0 * math.pi * 5.0))  # the joint's rate limits it
+    client.spin(1.0)
+    assert all(LOWEST <= width <= HIGHEST for width in recorder(port).widths)
+    client.wait_until(lambda: int(client.diagnostic("gaits_limited") or 0) > 0, "count of limited gaits")
+
+
+def test_another_fin_stops_the_tail_until_it_is_mounted(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    assert not client.confirm_fin().success
+    swim_a_little(client, port, 0.0)
+    assert client.set_parameters({"fin.young_modulus": 2.35e9, "fin.length": 0.07}).successful
+    state = client.wait_for_state(State.WAITING_FOR_FIN)
+    assert "polycarbonate" in state.reason
+    assert "length 70.0 mm, height 25.0 mm, thickness 0.208 mm" in state.reason
+    assert state.details["wanted.fin.length"] == "0.07"
+    assert state.fin["fin.length"] == "0.08"
+    client.wait_until(lambda: not pulses(port), "silence")
+    assert not client.reset().success
+    client.publish_gait(None)
+    assert client.confirm_fin().success
+    assert client.wait_for_state(State.READY).fin["fin.length"] == "0.07"
+
+
+@pytest.mark.parametrize(
+    "values", [{"fin.young_modulus": -1.0}, {"fin.length": 1e-4}, {"fin.thickness": 0.02, "fin.height": 0.01}]
+)
+def test_a_bad_fin_is_refused_and_changes_nothing(
+    driver: StartedProcess, client: RobotClient, values: dict[str, float]
+) -> None:
+    del driver
+    client.make_ready()
+    before = client.state()
+    result = client.set_parameters(values)
+    assert not result.successful
+    assert "fin." in result.reason
+    client.spin(0.2)
+    assert client.state() == before
+
+
+def test_reset_waits_for_the_operator_and_a_new_trial_asks_anew(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    assert client.reset().success
+    first = client.wait_for_state(State.WAITING_FOR_RESET)
+    assert first.details["waiting_for"] == "mark"
+    client.wait_until(lambda: not pulses(port), "silence")
+    client.publish_gait(None)
+    assert client.reset().success
+    client.wait_for_state(State.READY)
+    # A trial is given up while the operator is asked; the next one's reset must not pass for the operator's answer.
+    assert client.reset().success
+    client.wait_for_state(State.WAITING_FOR_RESET)
+    assert client.set_parameters({"fin.length": 0.08}).successful
+    client.wait_for_state(State.READY)
+    assert client.reset().success
+    assert client.wait_for_state(State.WAITING_FOR_RESET).stamp > first.stamp
+
+
+# -- bad set-ups: configure fails with the reason --------------------------------------------------------------------
+
+
+def robot_with(tmp_path: Path, **changes: object) -> Path:
+    joint = {"channel": 9, "centre": 1500, "direction": 1, "units_per_radian": 573, "lowest": 1200, "highest": 1800}
+    content = {"device": "firmata", "port": str(tmp_path / "port"), "baud": 57600, "joints": [joint], **changes}
+    path = tmp_path / "robot.yaml"
+    path.write_text(yaml.safe_dump(content), encoding="utf-8")
+    return path
+
+
+def refusal(client: RobotClient) -> str:
+    """Try to configure; return why that failed."""
+    assert not client.change_state(CONFIGURE)
+    assert client.life_cycle() == UNCONFIGURED
+    client.wait_until(lambda: "cannot configure" in client.reason(), "reason")
+    state = client.state()
+    assert state is not None
+    assert state.state is State.FAULT
+    return state.reason
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"device": "telepathy"}, "device 'telepathy' is not known: choose one of dynamixel, firmata"),
+        ({"joints": [{"left": 1, "right": 1}]}, "channel 1 is used by joint 1 and joint 1"),
+        (
+            {
+                "joints": [
+                    {"channel": 9, "centre": 2000, "direction": 1, "units_per_radian": 5, "lowest": 1, "highest": 9}
+                ]
+            },
+            "centre = 2000 must lie between lowest = 1 and highest = 9",
+        ),
+    ],
+)
+def test_a_bad_robot_file_is_refused(
+    start: Callable[..., StartedProcess],
+    client: RobotClient,
+    tmp_path: Path,
+    changes: dict[str, Any],
+    complaint: str,
+) -> None:
+    path = robot_with(tmp_path, **changes)
+    start_driver(start, f"robot_file:={path}")
+    reason = refusal(client)
+    assert str(path) in reason or "telepathy" in reason
+    assert complaint in reason
+
+
+def test_an_absent_port_is_refused(start: Callable[..., StartedProcess], client: RobotClient, tmp_path: Path) -> None:
+    start_driver(start, f"port:={tmp_path}/none")
+    assert f"port {tmp_path}/none is absent: is the device plugged in?" in refusal(client)
+
+
+def test_a_busy_port_is_refused(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    del driver
+    with serial.Serial(str(port.path), exclusive=True):
+        assert f"port {port.path} is busy: close the other program" in refusal(client)
+    assert client.change_state(CONFIGURE)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything; the text is tested in test_servo_port.py")
+def test_a_port_without_permission_is_refused(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    del driver
+    port.path.resolve().chmod(stat.S_IRUSR)
+    assert "is not permitted to you: it belongs to the group" in refusal(client)
+
+
+def test_a_wrong_device_is_refused_by_its_missing_banner(
+    start: Callable[..., StartedProcess], client: RobotClient
+) -> None:
+    master, slave = pty.openpty()
+    try:
+        start_driver(start, f"port:={os.ttyname(slave)}")
+        reason = refusal(client)
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert "no Firmata banner within 5 s" in reason
+    assert "57600" in reason
+
+
+def test_a_wrong_baud_rate_shows_as_garbage_without_a_banner(
+    start: Callable[..., StartedProcess], client: RobotClient, tmp_path: Path
+) -> None:
+    class Garbled(Firmata):
+        def opened(self, now: float) -> bytes:
+            return bytes(byte ^ 0x5A for byte in super().opened(now))
+
+        def feed(self, data: bytes, now: float) -> bytes:
+            return bytes(byte ^ 0x5A for byte in super().feed(data, now))
+
+    with plugged_in(Garbled(), tmp_path) as garbled:
+        start_driver(start, f"port:={garbled.path}")
+        reason = refusal(client)
+    assert "other bytes came" in reason
+    assert "baud rate (now 57600)" in reason
+
+
+def test_without_a_robot_file_the_advice_is_to_give_one(
+    start: Callable[..., StartedProcess], client: RobotClient
+) -> None:
+    start("fin_servo_driver", "servo_driver")
+    assert "robot_file is empty: give the path of your robot's YAML file, or an example" in refusal(client)
+
+
+def test_a_device_that_falls_silent_is_lost_and_comes_back(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    port.silent = True
+    client.wait_for_state(State.FAULT)
+    assert "fallen silent" in client.reason()
+    assert client.life_cycle() == ACTIVE
+    port.silent = False
+    client.wait_for_state(State.READY, timeout=15.0)
+
+
+def test_lost_bytes_never_lead_beyond_the_limits(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    port.drop_rate = 0.05
+    client.spin(3.0)
+    state = client.state()
+    assert state is not None
+    assert state.state is State.SWIMMING
+    # A broken frame may carry any width to the board; the firmware's own range, as coarse as it is, stops it there.
+    widths = recorder(port).widths
+    assert all(1056.0 <= width <= 1892.0 for width in widths)
+    assert sum(LOWEST <= width <= HIGHEST for width in widths) > 0.8 * len(widths)
+
+
+def test_inactive_it_keeps_its_port_and_publishes_its_state(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver, port
+    assert client.change_state(CONFIGURE)
+    assert client.life_cycle() == INACTIVE
+    assert client.confirm_fin().success
+    state = client.wait_for_state(State.WAITING_FOR_RESET)
+    assert "not armed" in state.reason
+    assert client.reset().success  # the optimiser's
+    assert not client.reset().success  # the operator's, who must arm first
+    assert client.change_state(ACTIVATE)
+    assert client.wait_for_state(State.WAITING_FOR_RESET).details["waiting_for"] in {"mark", "arming"}
+    client.wait_until(lambda: "mark" in client.reason(), "wait for the mark")
+    assert client.reset().success
+    client.wait_for_state(State.READY)
