@@ -143,9 +143,16 @@ def scipy_swim(relative_tolerance: float) -> float:
         derivative[dynamics.BODY_STATES + links] = drive[0, 2]
         return derivative
 
-    tolerances = {"rtol": relative_tolerance, "atol": relative_tolerance * 1e-3}
     start = np.zeros(dynamics.BODY_STATES + 2 * links)
-    solution = scipy.integrate.solve_ivp(slope, (0.0, DURATION), start, method="LSODA", max_step=0.1, **tolerances)
+    solution = scipy.integrate.solve_ivp(
+        slope,
+        (0.0, DURATION),
+        start,
+        method="LSODA",
+        max_step=0.1,
+        rtol=relative_tolerance,
+        atol=1e-3 * relative_tolerance,
+    )
     return float(np.hypot(*solution.y[:2, -1]) / DURATION)
 
 

@@ -193,11 +193,11 @@ def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
         msg = "--dask needs the package distributed: pip install -r requirements/bench.txt"
         raise ValueError(msg) from None
     try:
-        client = Client(dask, timeout=10, set_as_default=False)  # type: ignore[no-untyped-call]
+        client = Client(dask, timeout=10, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:
         msg = f"no Dask scheduler at {dask} ({type(error).__name__}: {error}): start one with `dask scheduler`"
         raise ValueError(msg) from None
-    with client, client.get_executor() as executor:  # type: ignore[no-untyped-call]
+    with client, client.get_executor() as executor:
         yield executor
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import cmaes  # type: ignore[import-untyped]
+import cmaes
 import numpy as np
 
 from fin_plant import checks

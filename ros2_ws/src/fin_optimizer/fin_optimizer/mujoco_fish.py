@@ -32,8 +32,8 @@ def require() -> Any:
         ValueError: It is not installed.
     """
     try:
-        import mujoco  # type: ignore[import-untyped]  # noqa: PLC0415  (needed for the comparison only)
-        import mujoco.rollout  # type: ignore[import-untyped]  # noqa: PLC0415
+        import mujoco  # noqa: PLC0415  (needed for the comparison only)
+        import mujoco.rollout  # noqa: PLC0415
     except ImportError:
         msg = "the comparison needs MuJoCo: pip install -r requirements/bench.txt, or use `make bench`"
         raise ValueError(msg) from None
