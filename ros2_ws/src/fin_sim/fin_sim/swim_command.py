@@ -104,7 +104,8 @@ def _parser() -> argparse.ArgumentParser:
     numbers = parser.add_argument_group("parameters of fin, fish, water and servo, as the node names them")
     for name, entry in PARAMETERS.items():
         unit = f", {entry.unit}" if entry.unit else ""
-        help_text = f"{entry.description}{unit} (default {entry.default})".replace("%", "%%")
+        meaning = entry.description.removesuffix(".")
+        help_text = f"{meaning}{unit} (default {entry.default})".replace("%", "%%")
         metavar = "A,B" if entry.kind.endswith("_array") else "X"
         numbers.add_argument(f"--{name}", dest=name, metavar=metavar, help=help_text)
     return parser
