@@ -361,7 +361,8 @@ def refusal(client: RobotClient) -> str:
     client.wait_until(lambda: "cannot configure" in client.reason(), "reason")
     state = client.state()
     assert state is not None
-    assert state.state is State.FAULT
+    assert state.state is State.WAITING_FOR_RESET
+    assert state.details["waiting_for"] == "configuring"
     return state.reason
 
 

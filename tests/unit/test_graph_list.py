@@ -50,6 +50,27 @@ def test_every_argument_reaches_the_node_whose_parameter_it_is() -> None:
     }
 
 
+def test_a_robot_is_its_driver_and_an_estimator_of_its_velocity() -> None:
+    given = {"plant": "robot", "robot_file": "robot.yaml", "window": "0.5", "command_timeout": "0.4", "trials": "3"}
+    driver, estimator, optimizer = graph.nodes(given)
+    assert driver == graph.NodeSpec(
+        "fin_servo_driver",
+        "servo_driver",
+        "servo_driver",
+        "/fish",
+        {"robot_file": "robot.yaml", "command_timeout": 0.4},
+    )
+    assert (estimator.name, estimator.parameters) == ("velocity_estimator", {"window": 0.5})
+    assert optimizer.parameters == {"trials": 3}
+
+
+def test_a_rehearsal_adds_what_stands_for_the_robot_and_says_so() -> None:
+    rehearsal, driver, estimator, optimizer = graph.nodes({"plant": "rehearsal", "robot_file": "modbus"})
+    assert (rehearsal.name, rehearsal.parameters) == ("rehearsal", {"robot_file": "modbus"})
+    assert (driver.name, driver.parameters) == ("servo_driver", {"plant": "rehearsal"})
+    assert (estimator.name, optimizer.name) == ("velocity_estimator", "optimizer")
+
+
 def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
     spec = graph.NodeSpec("p", "e", "n", "/fish", {"a": 1.0, "b": 2, "c": False, "d": "x y"})
     assert spec.ros_arguments() == [
@@ -70,9 +91,10 @@ def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
         ({"speed": "nan"}, "speed = nan"),
         ({"fin.thickness": "-1"}, "fin.thickness = -1 m is outside the allowed range"),
         ({"autostart": "perhaps"}, "autostart = 'perhaps' must be true or false"),
-        ({"plant": "whale"}, "plant:=whale is not known: use plant:=sim"),
-        ({"plant": "robot"}, "plant:=robot is not part of this version: use plant:=sim"),
-        ({"plant": "rehearsal"}, "plant:=rehearsal is not part of this version: use plant:=sim"),
+        ({"plant": "whale"}, "plant:=whale is not known: use plant:=sim or plant:=robot or plant:=rehearsal"),
+        ({"plant": "robot", "speed": "1"}, "speed:= is no argument of a study"),
+        ({"plant": "rehearsal", "port": "/dev/ttyACM0"}, "port:= is no argument of a study"),
+        ({"robot_file": "robot.yaml"}, "robot_file:= is no argument of a study"),
         ({"namespace": "fish"}, "namespace:=fish must be like /fish"),
         ({"namespace": "/fi sh"}, "namespace:=/fi sh must be like /fish"),
     ],

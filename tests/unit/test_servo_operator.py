@@ -38,8 +38,7 @@ def state(name: State, reason: str = "", waiting_for: str = "") -> PlantState:
     ("given", "says", "action"),
     [
         (None, "Waiting for the servo driver", ""),
-        (state(State.FAULT, "the driver is not configured"), "open the port", "configure"),
-        (state(State.FAULT, "cannot configure: port /dev/x is absent"), "open the port", "configure"),
+        (state(State.WAITING_FOR_RESET, "port /dev/x is absent", "configuring"), "open the port", "configure"),
         (state(State.FAULT, "the emergency stop is latched"), "press r", ""),
         (state(State.FAULT, "/dev/x was lost"), "reconnects by itself", ""),
         (state(State.WAITING_FOR_FIN, waiting_for="fin"), "Mount this fin", "confirm_fin"),

@@ -70,30 +70,48 @@ class Argument:
 
 
 @dataclass(frozen=True)
-class _PlantKind:
-    """How a kind of plant is started: node and the parameters that are its own."""
+class _PlantNode:
+    """A node of a plant, the parameters of it that are a study's arguments, and those that the kind of plant fixes."""
 
     package: str
-    executable: str
     name: str
     table: ParameterTable
+    fixed: Mapping[str, Value] = field(default_factory=dict)
 
 
 SIMULATOR_PARAMETERS = ParameterTable({**load_table("fin_sim", "simulator_parameters.yaml"), **_PLANT_LIMITS})
 """The simulator's own parameters, the fin excepted: that is the optimiser's to choose."""
 
-_PLANTS = {"sim": _PlantKind("fin_sim", SIMULATOR, SIMULATOR, SIMULATOR_PARAMETERS)}
-# Announced in the contract, so asking for one is no mistake of the user's.
-_PLANTS_TO_COME = ("robot", "rehearsal")
+_DRIVER_PARAMETERS = load_table("fin_servo_driver", "servo_driver_parameters.yaml")
+# What the driver takes on the robot alone: the rehearsal's operator tells it the port of the emulated device.
+_ROBOT_ONLY = ("robot_file", "port", "watchdog.disabled_knowingly")
+_ROBOT = ParameterTable({**{n: _DRIVER_PARAMETERS[n] for n in _ROBOT_ONLY}, **_PLANT_LIMITS})
+_ESTIMATOR = _PlantNode(
+    "fin_servo_driver", "velocity_estimator", load_table("fin_servo_driver", "velocity_estimator_parameters.yaml")
+)
+_PLANTS = {
+    "sim": (_PlantNode("fin_sim", SIMULATOR, SIMULATOR_PARAMETERS),),
+    "robot": (_PlantNode("fin_servo_driver", "servo_driver", _ROBOT), _ESTIMATOR),
+    # The emulated device comes first and so ends last: the driver's neutral must still find it.
+    "rehearsal": (
+        _PlantNode("fin_servo_driver", "rehearsal", load_table("fin_servo_driver", "rehearsal_parameters.yaml")),
+        _PlantNode("fin_servo_driver", "servo_driver", _PLANT_LIMITS, {"plant": "rehearsal"}),
+        _ESTIMATOR,
+    ),
+}
 
 
-def arguments(plant: str = "sim") -> list[Argument]:
-    """Return every argument of a study with this plant, the commonest first."""
+def arguments(plant: str = "") -> list[Argument]:
+    """Return every argument of a study with this plant, or with any; the commonest first."""
+    plants = [_plant(plant)] if plant else list(_PLANTS.values())
+    parameters = dict(OPTIMIZER_PARAMETERS)
+    for node in (node for nodes_of_plant in plants for node in nodes_of_plant):
+        parameters |= {name: parameter for name, parameter in node.table.items() if name not in parameters}
     own = [
         Argument("plant", "sim", f"What swims: {', '.join(_PLANTS)}."),
         Argument("namespace", NAMESPACE, "Namespace of the fish; several can swim side by side."),
     ]
-    return own + [_argument(p) for p in (*OPTIMIZER_PARAMETERS.values(), *_kind(plant).table.values())]
+    return own + [_argument(parameter) for parameter in parameters.values()]
 
 
 def _argument(parameter: Parameter) -> Argument:
@@ -105,14 +123,11 @@ def _argument(parameter: Parameter) -> Argument:
     return Argument(parameter.name, default if isinstance(default, str) else json.dumps(default), text)
 
 
-def _kind(plant: str) -> _PlantKind:
-    if plant in _PLANTS:
-        return _PLANTS[plant]
-    if plant in _PLANTS_TO_COME:
-        msg = f"plant:={plant} is not part of this version: use plant:={' or plant:='.join(_PLANTS)}"
-    else:
+def _plant(plant: str) -> tuple[_PlantNode, ...]:
+    if plant not in _PLANTS:
         msg = f"plant:={plant} is not known: use plant:={' or plant:='.join(_PLANTS)}"
-    raise ValueError(msg)
+        raise ValueError(msg)
+    return _PLANTS[plant]
 
 
 def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
@@ -124,17 +139,21 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     Raises:
         ValueError: An unknown argument (the message offers the nearest names) or a value that is refused.
     """
-    kind = _kind(given.get("plant", "sim"))
+    plant = _plant(given.get("plant", "sim"))
     namespace = given.get("namespace", NAMESPACE)
     if not NAMESPACE_PATTERN.fullmatch(namespace):
         msg = f"namespace:={namespace} must be like {NAMESPACE} or /tank_a/fish: a slash, then letters, digits and _"
         raise ValueError(msg)
     values = {name: text for name, text in given.items() if name not in {"plant", "namespace"}}
-    _refuse_unknown(values, (*OPTIMIZER_PARAMETERS, *kind.table))
+    _refuse_unknown(values, (*OPTIMIZER_PARAMETERS, *(name for node in plant for name in node.table)))
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
-    plant = _parameters(kind.table, values)
     fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
-    return (*(NodeSpec(kind.package, kind.executable, kind.name, each, plant) for each in fish), optimizer)
+    specs = [
+        NodeSpec(node.package, node.name, node.name, each, {**_parameters(node.table, values), **node.fixed})
+        for each in fish
+        for node in plant
+    ]
+    return (*specs, optimizer)
 
 
 def _refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:

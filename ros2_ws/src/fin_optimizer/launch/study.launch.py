@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 def start_nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes of the study. The first that ends takes the others with it: without one there is no study."""
-    names = [argument.name for argument in graph.arguments()]
+    plant = context.launch_configurations["plant"]
+    names = [argument.name for argument in graph.arguments(plant)]
     given = {name: context.launch_configurations[name] for name in names}
     return [
         Node(

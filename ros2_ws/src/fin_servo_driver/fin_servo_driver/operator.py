@@ -40,13 +40,13 @@ _STYLES = {
 _SHOWN = ("connected", "identity", "reconnects", "missed_ticks", "lateness_p99_ms", "voltage", "temperature", "fault")
 _LOOK = 0.1
 _WAITING = {
+    "configuring": ("Press Enter to open the port and check the device. Nothing moves by that.", "configure"),
     "fin": ("Mount this fin. When it is on and nobody's hands are near the tail, press Enter.", "confirm_fin"),
     "arming": ("Hands off the tail. Press Enter to ARM the driver: from then on a gait moves it.", "activate"),
     "mark": ("Bring the fish back to its mark and let the water settle. Then press Enter.", "reset"),
 }
 """What to do, and what Enter then asks for, by what the driver waits for."""
 _FAULTS = (
-    ("configure", ("Press Enter to open the port and check the device. Nothing moves by that.", "configure")),
     ("emergency stop", ("Stopped. When all is safe, press r to release the emergency stop.", "")),
     ("", ("Check cable and power; the driver reconnects by itself.", "")),
 )

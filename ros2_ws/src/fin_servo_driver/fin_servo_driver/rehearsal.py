@@ -29,7 +29,6 @@ from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.messages import plant_state_from_message, time_message
 from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.parameters import load_table
-from fin_plant.plant_state import PlantState, State
 from fin_servo_driver import robot_file
 from fin_servo_driver.emulator.emulate import device_for, targets
 from fin_servo_driver.emulator.hidden_fish import SAMPLE_TIME, Camera, Deviation, HiddenFish
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
     from fin_plant.parameters import Value
+    from fin_plant.plant_state import PlantState
 
 PARAMETERS = load_table("fin_servo_driver", "rehearsal_parameters.yaml")
 DRIVER = "servo_driver"
@@ -101,7 +101,7 @@ class Operator:
             return
         waiting = state.details.get("waiting_for", "")
         self._busy_until = now + _PATIENCE
-        if state.state is State.FAULT:
+        if waiting == "configuring":
             self._call(self._get_state, GetState.Request(), self._set_up)
         elif waiting == "fin":
             self._mount(_wanted(state.details))
@@ -115,7 +115,7 @@ class Operator:
             self._busy_until = 0.0
 
     def _set_up(self, response: GetState.Response) -> None:
-        """Configure a driver that is not; a fault of a configured one is for the person who rehearses to clear."""
+        """Tell the driver its port and configure it."""
         if response.current_state.id != LifecycleState.PRIMARY_STATE_UNCONFIGURED:
             return
         values = {"port": self._port, "robot_file": self._robot}

@@ -61,6 +61,7 @@ _EMERGENCY = "the emergency stop is latched: release it with ~/estop false"
 class Waiting(Enum):
     """What an operator has to do, as plant_state's detail ``waiting_for``."""
 
+    CONFIGURING = "configuring"
     FIN = "fin"
     ARMING = "arming"
     MARK = "mark"
@@ -266,9 +267,7 @@ class ServoDriver:
         """Return what is wrong, or an empty text."""
         if self._emergency:
             return _EMERGENCY
-        if self._io is None:
-            return self._failure
-        if not self._io.health.connected:
+        if self._io is not None and not self._io.health.connected:
             return self._io.health.reason or "the device is not connected"
         return ""
 
@@ -276,17 +275,24 @@ class ServoDriver:
         """Return the state, its reason, and what an operator has to do."""
         if fault := self._fault():
             return State.FAULT, fault, None
-        if not self._fin_is_mounted():
-            fin = instruction(Fin.from_parameters(self._values))
-            return State.WAITING_FOR_FIN, f"mount the fin: {fin}", Waiting.FIN
-        if not self._armed:
-            reason = "the driver is not armed: hands off the tail, then activate it"
-            return State.WAITING_FOR_RESET, reason, Waiting.ARMING
-        if self._reset_asked:
-            return State.WAITING_FOR_RESET, "bring the fish back to its mark, then call reset again", Waiting.MARK
+        if (waiting := self._waiting()) is not None:
+            state = State.WAITING_FOR_FIN if waiting[0] is Waiting.FIN else State.WAITING_FOR_RESET
+            return state, waiting[1], waiting[0]
         if self._swimming_since is not None:
             return State.SWIMMING, "", None
         return State.READY, self._stop_reason, None
+
+    def _waiting(self) -> tuple[Waiting, str] | None:
+        """Return what an operator has to do, and why; None if nothing."""
+        if self._io is None:  # a person has to do something, so it is no fault that ends a trial
+            return Waiting.CONFIGURING, self._failure
+        if not self._fin_is_mounted():
+            return Waiting.FIN, f"mount the fin: {instruction(Fin.from_parameters(self._values))}"
+        if not self._armed:
+            return Waiting.ARMING, "the driver is not armed: hands off the tail, then activate it"
+        if self._reset_asked:
+            return Waiting.MARK, "bring the fish back to its mark, then call reset again"
+        return None
 
     def _fin_is_mounted(self) -> bool:
         return self._mounted is not None and all(self._mounted[name] == self._values[name] for name in FIN_PARAMETERS)
@@ -389,7 +395,8 @@ class ServoDriver:
 
     def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         state, reason, waiting = self._state()
-        if state in {State.FAULT, State.WAITING_FOR_FIN} or (waiting is Waiting.ARMING and self._reset_asked):
+        too_early = waiting in {Waiting.CONFIGURING, Waiting.FIN} or (waiting is Waiting.ARMING and self._reset_asked)
+        if state is State.FAULT or too_early:
             response.success, response.message = False, reason
             return response
         if self._reset_asked:
