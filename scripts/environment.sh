@@ -34,8 +34,8 @@ if [[ :$AMENT_PREFIX_PATH: != *":$fin_root/ros2_ws/install/fin_plant:"* ]]; then
 fi
 
 # Quick discovery and acknowledgement for the command line too (the nodes set it themselves), on this machine only.
-export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$fin_root/ros2_ws/src/fin_plant/fin_plant/fast_dds_profile.xml}
-export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}
+export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$fin_root/ros2_ws/src/fin_plant/fin_plant/fast_dds_localhost_profile.xml}
+export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-SYSTEM_DEFAULT}
 
 eval "$fin_options"
 unset fin_root fin_mode fin_options

@@ -8,6 +8,7 @@ import re
 import sys
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import pytest
 from catkin_pkg.package import parse_package
@@ -122,3 +123,21 @@ def test_every_file_beside_the_modules_is_installed(package: str) -> None:
     data = {path for path in folder.rglob("*") if path.is_file() and path.suffix not in {".py", ".pyc", ".nbc", ".nbi"}}
     installed = {path for pattern in patterns[package] for path in folder.glob(pattern)}
     assert sorted(data - installed) == []
+
+
+def test_the_two_fast_dds_profiles_differ_only_in_the_interface_and_use_no_shared_memory() -> None:
+    folder = SOURCE / "fin_plant" / "fin_plant"
+    anywhere = ET.parse(folder / "fast_dds_profile.xml").getroot()  # noqa: S314  (our own file)
+    here = ET.parse(folder / "fast_dds_localhost_profile.xml").getroot()  # noqa: S314
+    space = "{http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles}"
+    transport = here.find(f".//{space}transport_descriptor")
+    assert transport is not None
+    only = transport.find(f"{space}interfaceWhiteList")
+    assert only is not None
+    assert "".join(only.itertext()).split() == ["127.0.0.1"]
+    transport.remove(only)
+    assert ["".join(element.itertext()).split() for element in here.iter()] == [
+        "".join(element.itertext()).split() for element in anywhere.iter()
+    ]
+    assert [element.text for element in anywhere.iter(f"{space}useBuiltinTransports")] == ["false"]
+    assert {element.text for element in anywhere.iter(f"{space}type")} == {"UDPv4"}
