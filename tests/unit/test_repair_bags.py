@@ -79,7 +79,7 @@ def test_a_bag_cut_at_random_lengths_is_repaired_or_left_alone_and_never_gives_o
             continue
         repaired += 1
         bag = read_bag(cut)
-        found = list(bag.messages("velocity"))
+        found = list(bag.messages("velocity")) if bag.topics else []
         assert bag.complete
         assert found == messages[: len(found)]
         assert bag.counts == repair.counts

@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
 CHUNK_SIZE = 32 * 1024
 """Bytes of a chunk before compression: about 0.4 s of a swim in real time."""
-FLUSH_PERIOD = 0.75
-"""s of wall time between two flushes: with the time that one takes, a kill or a power cut takes away less than 1 s."""
+FLUSH_PERIOD = 0.5
+"""s of wall time between two flushes: on a busy machine too, a kill or a power cut takes away less than 1 s."""
 TRIAL_RECORD = "trial"
 """Name of the MCAP metadata record that describes the trial."""
 BAG_VERSION = 9

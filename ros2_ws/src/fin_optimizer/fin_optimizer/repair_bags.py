@@ -68,8 +68,8 @@ def _repaired(path: Path, original: Bag) -> Repair:
     work = path / _WORK_FOLDER
     shutil.rmtree(work, ignore_errors=True)  # an earlier repair that was itself cut short
     copy = work / original.path.stem.removesuffix("_0")
-    if not original.topics:
-        msg = f"bag {path} was cut off before its first topic"
+    if not original.metadata:
+        msg = f"bag {path} was cut off before anything was written: delete it"
         raise BagError(msg)
     topics = [BagTopic(name, type_name, original.offered(name)) for name, type_name in original.topics.items()]
     try:
