@@ -1,0 +1,205 @@
+"""What a person does with a study: a table on the terminal, an export, and searches that go on where they stopped."""
+
+from __future__ import annotations
+
+import csv
+import math
+from typing import TYPE_CHECKING
+
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+
+from fin_optimizer import export, show_study
+from fin_optimizer.cma import CmaEs
+from fin_optimizer.generations import OneByOne
+from fin_optimizer.genetic import GeneticAlgorithm
+from fin_optimizer.journal import StudyError
+from fin_optimizer.search import Dimension, HillClimber, Space
+from fin_optimizer.study import Objective, Policy, Settings, Study, front, read_trials
+from fin_optimizer.trial import Outcome, Result
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from fin_optimizer.search import Search
+
+MODULUS, LENGTH = "fin.young_modulus", "fin.length"
+SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"), Dimension(LENGTH, 0.05, 0.12, "m")))
+DEVIATIONS = {MODULUS: 0.3e9, LENGTH: 0.003}
+SEARCHES: dict[str, Callable[[], Search]] = {
+    "hill climber": lambda: HillClimber(SPACE, 7, DEVIATIONS),
+    "genetic": lambda: OneByOne(GeneticAlgorithm(SPACE, 7, DEVIATIONS, population=6)),
+    "CMA-ES": lambda: OneByOne(CmaEs(SPACE, 7, population=6)),
+}
+
+
+def outcome(number: int, values: dict[str, float], *, with_cost: bool = False) -> Result:
+    """Return how a trial of this fin ends: every seventh candidate cannot be built."""
+    if number % 7 == 5:
+        return Result(Outcome.INFEASIBLE, "thicker than long")
+    speed = 0.03 - abs(values[MODULUS] - 1.1e9) / 1e11 - abs(values[LENGTH] - 0.08) / 10.0
+    return Result(Outcome.OK, score=speed, samples=100, cost=values[LENGTH] * speed if with_cost else None)
+
+
+def swim(study: Study, search: Search, trials: int) -> None:
+    for _ in range(trials):
+        following = study.next_candidate(search)
+        assert following is not None
+        record = study.propose(*following, "/fish")
+        study.start(record.number)
+        result = outcome(*following, with_cost=study.settings.objective is Objective.SPEED_AND_COST)
+        study.finish(record.number, result)
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+@pytest.mark.parametrize("interruption", [1, 6, 13, 20])
+def test_a_resumed_search_proposes_bit_for_bit_what_an_uninterrupted_one_proposes(
+    tmp_path: Path, name: str, interruption: int
+) -> None:
+    settings = Settings(SPACE)
+    with Study.create(tmp_path / "whole", settings) as study:
+        swim(study, SEARCHES[name](), 26)
+    with Study.create(tmp_path / "cut", settings) as study:
+        swim(study, SEARCHES[name](), interruption)
+    with Study.open(tmp_path / "cut", settings) as study:
+        swim(study, SEARCHES[name](), 26 - interruption)
+    assert [t.values for t in read_trials(tmp_path / "cut")] == [t.values for t in read_trials(tmp_path / "whole")]
+
+
+@pytest.mark.parametrize("name", ["genetic", "CMA-ES"])
+def test_several_fish_that_finish_in_any_order_give_a_generational_search_the_same_candidates(
+    tmp_path: Path, name: str
+) -> None:
+    with Study.create(tmp_path / "one", Settings(SPACE)) as study:
+        swim(study, SEARCHES[name](), 24)
+    search = SEARCHES[name]()
+    with Study.create(tmp_path / "three", Settings(SPACE)) as study:
+        under_way: list[tuple[int, int, dict[str, float]]] = []
+        while study.settled() < 24:
+            following = study.next_candidate(search, 24) if len(under_way) < 3 else None
+            if following is not None:
+                record = study.propose(*following, f"/fish_{len(under_way)}")
+                study.start(record.number)
+                under_way.append((record.number, *following))
+            else:  # the last to begin is the first to end
+                number, candidate, values = under_way.pop()
+                study.finish(number, outcome(candidate, values))
+    tried = [candidate.values for candidate in study.candidates]
+    assert tried == [trial.values for trial in read_trials(tmp_path / "one")]
+
+
+def test_a_failed_trial_of_one_fish_is_given_to_the_next_that_is_free(tmp_path: Path) -> None:
+    search = SEARCHES["hill climber"]()
+    with Study.create(tmp_path / "study", Settings(SPACE)) as study:
+        for plant in ("/a", "/b"):
+            following = study.next_candidate(search)
+            assert following is not None
+            study.start(study.propose(*following, plant).number)
+        study.finish(0, Result(Outcome.FAILED, "the plant is in FAULT"))
+        again = study.next_candidate(search)
+        assert again is not None
+        assert again == (0, study.trials[0].values)
+        assert study.next_candidate(search, 2) == again
+
+
+def test_the_journal_tells_what_was_known_when_a_candidate_was_proposed(tmp_path: Path) -> None:
+    search = SEARCHES["hill climber"]()
+    known = []
+    with Study.create(tmp_path / "study", Settings(SPACE)) as study:
+        for _ in range(3):
+            known.append([entry.score for entry in study.history])
+            following = study.next_candidate(search)
+            assert following is not None
+            study.start(study.propose(*following).number)
+        study.finish(1, outcome(1, dict(study.trials[1].values)))
+        known.append([entry.score is not None for entry in study.history])
+    assert known == [[], [None], [None, None], [False, True, False]]
+
+
+def test_two_objectives_give_a_pareto_front_and_a_resumed_study_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    settings = Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)
+    for folder, parts in (("whole", (30,)), ("cut", (11, 19))):
+        for part in parts:
+            with (
+                Study.open(tmp_path / folder)
+                if (tmp_path / folder).exists()
+                else Study.create(tmp_path / folder, settings) as study
+            ):
+                swim(study, SEARCHES["hill climber"](), part)
+    assert [t.values for t in read_trials(tmp_path / "cut")] == [t.values for t in read_trials(tmp_path / "whole")]
+    scored = [c for c in study.candidates if c.score is not None and c.cost is not None]
+    dominated = {
+        c.number
+        for c in scored
+        for o in scored
+        if (o.score or 0) >= (c.score or 0)
+        and (o.cost or 0) <= (c.cost or 0)
+        and (o.score, o.cost) != (c.score, c.cost)
+    }
+    assert sorted(c.number for c in front(study.candidates)) == sorted({c.number for c in scored} - dominated)
+    assert show_study.main([str(tmp_path / "cut"), "--all"]) == 0
+    assert capsys.readouterr().out.count("on the Pareto front") == len(front(study.candidates))
+
+
+def test_an_ok_trial_without_its_second_objective_is_refused(tmp_path: Path) -> None:
+    with Study.create(tmp_path / "study", Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)) as study:
+        values = {MODULUS: 1e9, LENGTH: 0.08}
+        study.start(study.propose(0, values).number)
+        with pytest.raises(StudyError, match="has no cost of transport"):
+            study.finish(0, Result(Outcome.OK, score=0.02))
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """Return the folder of a study with repeats, a failure and an infeasible fin."""
+    with Study.create(tmp_path / "study", Settings(SPACE, Policy(repeats=2))) as begun:
+        results = (
+            [Result(Outcome.OK, score=score, spread=0.001, samples=1001) for score in (0.0101, 0.0103)]
+            + [Result(Outcome.FAILED, "no velocity for 1 s"), Result(Outcome.OK, score=0.02, samples=1001)]
+            + [Result(Outcome.OK, score=0.022, samples=1001), Result(Outcome.INFEASIBLE, "thicker than long")]
+        )
+        for result in results:
+            following = begun.next_candidate(SEARCHES["hill climber"]())
+            assert following is not None
+            begun.start(begun.propose(*following, "/fish").number)
+            begun.finish(len(begun.trials) - 1, result)
+    return tmp_path / "study"
+
+
+def test_an_export_has_a_row_a_trial_and_its_units_in_csv_and_parquet_alike(study: Path, tmp_path: Path) -> None:
+    assert export.main([str(study), "--into", str(tmp_path / "tables")]) == 0
+    with (tmp_path / "tables" / "study.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    table = parquet.read_table(tmp_path / "tables" / "study.parquet")
+    assert list(rows[0]) == table.column_names
+    trials = read_trials(study)
+    for name, value in (("speed [m/s]", "score"), ("trial", "number")):
+        expected = [getattr(trial, value) for trial in trials]
+        assert table[name].to_pylist() == expected
+        assert [float(row[name]) if row[name] else None for row in rows] == expected
+    assert table["fin.length [m]"].to_pylist() == [trial.values[LENGTH] for trial in trials]
+    assert table["mean speed of the candidate [m/s]"].to_pylist()[:2] == [pytest.approx(0.0102)] * 2
+    assert table["spread between its repeats [m/s]"].to_pylist()[0] == pytest.approx(math.sqrt(2e-8))
+    assert table.schema.field("started [UTC]").type == pa.timestamp("us", "UTC")
+    assert table.schema.metadata[b"study.repeats"] == b"2"
+
+
+def test_a_study_is_shown_best_first_with_its_spread_and_what_failed(
+    study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert show_study.main([str(study)]) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if "GPa" in line]
+    assert ["2.100 cm/s" in lines[0], "1.020 cm/s" in lines[1], "thicker than long" in lines[2]] == [True] * 3
+    assert "0002 0003 0004" in lines[0]
+
+
+@pytest.mark.parametrize("tool", [show_study.main, export.main])
+def test_what_is_no_study_is_said_so(
+    tool: Callable[[list[str]], int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tool([str(tmp_path)]) == 2
+    assert f"{tmp_path} holds no study" in capsys.readouterr().err
