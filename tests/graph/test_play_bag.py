@@ -1,0 +1,144 @@
+"""A played bag is the trial again: same messages, same score for who listens; and it moves nothing by itself."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
+
+from fin_optimizer.bag import read_bag
+from fin_optimizer.recorder import Recorder
+from fin_optimizer.score import Measurement, score
+from fin_optimizer.score_bag import score_bag, swimming_since
+from fin_plant import topics
+from support.bags import START, gait, write_swim
+from support.waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from support.processes import StartedProcess
+
+    Start = Callable[..., StartedProcess]
+
+pytestmark = pytest.mark.graph
+SWIM = 1.0
+
+
+class Listener:
+    """A node that records what a namespace offers, and calls the player's services."""
+
+    def __init__(self, domain: int, namespace: str) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = rclpy.create_node("listener", context=self._context)
+        self.recorder = Recorder(self.node, namespace=namespace)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def wait(self, condition: Callable[[], object], what: str) -> None:
+        """Spin until the condition holds."""
+        wait_until(condition, 20, what, lambda: self._executor.spin_once(timeout_sec=0.02))
+
+    def call(self, name: str) -> Any:
+        """Call a service of the player."""
+        client = self.node.create_client(Trigger, f"/player/{name}")
+        self.wait(client.service_is_ready, f"service {name}")
+        future = client.call_async(Trigger.Request())
+        self.wait(future.done, f"answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.recorder.destroy()
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture
+def listener(ros_domain: int) -> Iterator[Callable[[str], Listener]]:
+    listeners: list[Listener] = []
+
+    def listen(namespace: str) -> Listener:
+        listeners.append(Listener(ros_domain, namespace))
+        return listeners[-1]
+
+    yield listen
+    for each in listeners:
+        each.close()
+
+
+@pytest.fixture
+def swim(tmp_path: Path) -> Path:
+    return write_swim(tmp_path / "trial_0007", SWIM)
+
+
+def test_a_played_bag_gives_a_listener_every_message_and_the_same_score(
+    start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
+) -> None:
+    ear = listener("/replay")
+    remaps = [w for n in ("velocity", "plant_state") for w in ("-r", f"/fish/{n}:=/replay/{n}")]
+    player = start("fin_optimizer", "play_bag", str(swim), "--paused", "--rate", "0", "--ros-args", *remaps)
+    ear.wait(lambda: not ear.recorder.unmatched([topics.VELOCITY, topics.PLANT_STATE]), "the player's topics")
+    assert ear.recorder.unmatched([topics.GAIT]) == ["gait"]
+    ear.recorder.open(tmp_path / "again", read_bag(swim).metadata)
+    assert ear.call("pause").message == "it is paused already"
+    assert ear.call("resume").message == "playing from 0.000 s"
+    ear.wait(lambda: not player.running, "the end of the bag")
+    assert player.wait() == 0
+    assert "left out: /fish/gait; --topics plays what it names" in player.output()
+    ear.recorder.close()
+    live, recorded = score_bag(swim)
+    window = Measurement.from_metadata(recorded.metadata).window(swimming_since(recorded))
+    assert score(*ear.recorder.velocity_samples(), window) == live
+    assert score_bag(tmp_path / "again")[0] == live
+    sent = [(stamp, data) for _, stamp, data in recorded.messages("velocity")]
+    assert [(s, d) for _, s, d in read_bag(tmp_path / "again").messages("velocity")] == sent
+
+
+def test_the_gait_is_played_only_by_name_from_where_it_is_asked_and_again_and_again(
+    start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
+) -> None:
+    ear = listener("/fish")
+    ear.recorder.open(tmp_path / "gaits", {})
+    words = ("--topics", "gait", "plant_state", "--rate", "20", "--loop")
+    player = start("fin_optimizer", "play_bag", str(swim), *words)
+    ear.wait(lambda: ear.recorder.received(topics.GAIT) >= 3, "the gait a third time")
+    assert ear.recorder.received(topics.VELOCITY) == 0
+    assert player.interrupt() == 130
+    ear.recorder.close()
+    assert {data for _, _, data in read_bag(tmp_path / "gaits").messages("gait")} == {gait()}
+
+
+def test_a_bag_is_played_at_its_own_pace_with_a_clock_from_the_middle(
+    start: Start, swim: Path, ros_domain: int, listener: Callable[[str], Listener]
+) -> None:
+    ear = listener("/fish")
+    clocks: list[int] = []
+    ear.node.create_subscription(
+        topics.CLOCK.type, "/clock", lambda m: clocks.append(m.clock.sec * 10**9 + m.clock.nanosec), topics.CLOCK.qos
+    )
+    player = start("fin_optimizer", "play_bag", str(swim), "--start", "0.5", "--rate", "0.5", "--paused")
+    ear.wait(lambda: not ear.recorder.unmatched([topics.VELOCITY]), "the player's topics")
+    assert ear.call("resume").success
+    ear.wait(lambda: not player.running, "the end of the bag")
+    stamps = ear.recorder.newest_stamp(topics.VELOCITY)
+    assert stamps == START + round(SWIM * 10**9)
+    assert ear.recorder.received(topics.VELOCITY) == 51
+    assert clocks == sorted(clocks)
+    assert START + 0.5e9 <= clocks[0] < START + 0.7e9
+
+
+def test_a_topic_or_a_start_that_the_bag_does_not_have_is_refused(start: Start, swim: Path) -> None:
+    player = start("fin_optimizer", "play_bag", str(swim), "--topics", "pose")
+    assert player.wait() == 2
+    assert "has 0 topics 'pose', needed is one" in player.output()
+    player = start("fin_optimizer", "play_bag", str(swim), "--start", "5")
+    assert player.wait() == 2
+    assert "--start 5 s is behind the end of the bag, which is 1 s long" in player.output()
