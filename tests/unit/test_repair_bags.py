@@ -142,3 +142,14 @@ def test_an_empty_bag_is_repaired_to_an_empty_bag(tmp_path: Path, swim: Path) ->
     assert repair is not None
     assert "(none)" in str(repair)
     assert is_closed(tmp_path / "empty")
+
+
+def test_a_bag_cut_in_its_very_last_bytes_is_repaired_with_every_message(swim: Path, tmp_path: Path) -> None:
+    whole = read_bag(swim)
+    size = whole.path.stat().st_size
+    for length in range(size - 45, size):  # statistics, index, footer, and the eight bytes behind it
+        cut = tmp_path / f"cut_{length}" / swim.name
+        shutil.copytree(swim, cut)
+        repair = repair_bag(left_open(cut, length))
+        assert repair is not None
+        assert (repair.failure, repair.counts) == ("", whole.counts)

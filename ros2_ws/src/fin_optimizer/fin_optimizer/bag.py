@@ -630,8 +630,8 @@ def _whole_records(path: Path) -> tuple[int, bool]:
             if opcode == 0 or after > size:  # a power cut can leave zeros where data were not yet written
                 return end, False
             end = after
-            if opcode == Opcode.FOOTER:
-                return end + _MAGIC_SIZE, end + _MAGIC_SIZE <= size
+            if opcode == Opcode.FOOTER and end + _MAGIC_SIZE <= size:
+                return end + _MAGIC_SIZE, True
     return end, False
 
 

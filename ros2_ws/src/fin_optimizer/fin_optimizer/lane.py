@@ -87,6 +87,8 @@ class Lane:
             return f"nothing was said on {self.namespace}/plant_state"
         if state.state is State.FAULT:
             return f"{plants[0]} is in FAULT{f' ({state.reason})' if state.reason else ''}"
+        if state.state is State.SWIMMING and self.trial is None:  # of one that was killed, this was the last word
+            return f"{plants[0]} still says SWIMMING after its trial"
         return ""
 
     @property

@@ -173,6 +173,8 @@ class Optimizer:
             following = self._study.next_candidate(self._plan.search, self._total)
             if following is None:  # what it depends on is still swimming
                 break
+            if self._failed_here(lane, following[0]) and len(self._left_out) + 1 < len(self._lanes):
+                continue  # what failed here is swum elsewhere
             record = self._study.propose(*following, lane.namespace)
             lane.begin(self._study.start(record.number), self._study.folder)
             self._display.begin(record)
@@ -180,6 +182,12 @@ class Optimizer:
         if self._left_out and len(self._left_out) == len(self._lanes):
             self._all_left_out()
         return wait
+
+    def _failed_here(self, lane: Lane, candidate: int) -> bool:
+        """Whether this fish has tried the candidate before, and failed."""
+        tried = self._study.candidates[candidate : candidate + 1]
+        failed = [t for each in tried for t in each.trials if t.outcome is Outcome.FAILED and not t.interrupted]
+        return any(trial.plant == lane.namespace for trial in failed)
 
     def _takes_part(self, lane: Lane) -> bool:
         """Whether the fish gets trials. The only one always does: what ails it is the trial's to find and to tell."""
