@@ -134,8 +134,7 @@ class Laboratory:
 def last_stamp(path: Path) -> int:
     """Return how far a cut bag goes, in ns; one without any message goes to its own beginning."""
     bag = read_bag(path)
-    stamps = bag.velocity()[0] if bag.topics else []
-    if len(stamps):
+    if bag.topics and (stamps := bag.velocity()[0]).size:
         return int(stamps[-1])
     return bag.path.stat().st_mtime_ns
 

@@ -121,9 +121,11 @@ def test_a_bag_is_played_at_its_own_pace_with_a_clock_from_the_middle(
 ) -> None:
     ear = listener("/fish")
     clocks: list[int] = []
-    ear.node.create_subscription(
-        topics.CLOCK.type, "/clock", lambda m: clocks.append(m.clock.sec * 10**9 + m.clock.nanosec), topics.CLOCK.qos
-    )
+
+    def note(message: Any) -> None:
+        clocks.append(message.clock.sec * 10**9 + message.clock.nanosec)
+
+    ear.node.create_subscription(topics.CLOCK.type, "/clock", note, topics.CLOCK.qos)
     player = start("fin_optimizer", "play_bag", str(swim), "--start", "0.5", "--rate", "0.5", "--paused")
     ear.wait(lambda: not ear.recorder.unmatched([topics.VELOCITY]), "the player's topics")
     assert ear.call("resume").success

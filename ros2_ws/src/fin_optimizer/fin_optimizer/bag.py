@@ -120,6 +120,21 @@ def message_types() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+@cache
+def _definition(type_name: str) -> bytes:
+    return message_types().generate_msgdef(type_name, ros_version=2)[0].encode()
+
+
+@cache
+def _type_hash(type_name: str) -> str:
+    return message_types().hash_rihs01(type_name)
+
+
+@cache
+def _qos_text(qos: Qos) -> str:
+    return _yaml(dump_qos_v9([qos]))
+
+
 def has_header(type_name: str) -> bool:
     """Return whether messages of that type start with a std_msgs/Header."""
     fields = message_types().fielddefs[type_name][1]
@@ -228,16 +243,15 @@ class BagWriter:
         """Write header, trial, schemas and channels; return the channels' numbers by topic."""
         self._mcap.start(profile="ros2", library=f"fin_optimizer, mcap {version('mcap')}")
         self._mcap.add_metadata(TRIAL_RECORD, self._metadata)
-        types = message_types()
         schemas: dict[str, int] = {}
         channels = {}
         for topic in self._topics.values():
             if topic.type_name not in schemas:
-                definition = types.generate_msgdef(topic.type_name, ros_version=2)[0].encode()
+                definition = _definition(topic.type_name)
                 schemas[topic.type_name] = self._mcap.register_schema(topic.type_name, "ros2msg", definition)
             channel_metadata = {
-                "offered_qos_profiles": yaml.safe_dump(dump_qos_v9([topic.qos]), sort_keys=False),
-                "topic_type_hash": types.hash_rihs01(topic.type_name),
+                "offered_qos_profiles": _qos_text(topic.qos),
+                "topic_type_hash": _type_hash(topic.type_name),
             }
             schema = schemas[topic.type_name]
             channels[topic.name] = self._mcap.register_channel(topic.name, "cdr", schema, channel_metadata)
@@ -353,7 +367,6 @@ class BagWriter:
 
     def _information(self, summary: BagSummary) -> dict[str, object]:
         """Return the content of metadata.yaml."""
-        types = message_types()
         topics = [
             {
                 "topic_metadata": {
@@ -361,7 +374,7 @@ class BagWriter:
                     "type": topic.type_name,
                     "serialization_format": "cdr",
                     "offered_qos_profiles": dump_qos_v9([topic.qos]),
-                    "type_description_hash": types.hash_rihs01(topic.type_name),
+                    "type_description_hash": _type_hash(topic.type_name),
                 },
                 "message_count": summary.counts[topic.name],
             }
@@ -411,7 +424,13 @@ class BagWriter:
         self.close()
 
 
-class _PlainDumper(yaml.SafeDumper):
+if TYPE_CHECKING:
+    _Dumper = yaml.SafeDumper
+else:  # libyaml's own where it is there: every trial writes two texts of some kilobytes, and it is ten times as fast
+    _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+
+class _PlainDumper(_Dumper):
     """Writes a list that occurs twice twice: rosbag2's reader wants no references."""
 
     def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002  (PyYAML asks for it)
