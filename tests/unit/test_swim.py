@@ -91,6 +91,40 @@ def test_largest_servo_torque_is_one_of_the_servos(paper_swim: Swim) -> None:
     assert paper_swim.largest_servo_torque == np.abs(after[:, 0]).max()
 
 
+@pytest.mark.parametrize("duration", [0.3, 0.5])
+def test_largest_servo_torque_needs_a_swim_beyond_the_ramp(duration: float) -> None:
+    short = swim(duration=duration)
+    with pytest.raises(ValueError, match=r"is not longer than the gait's ramp of 0\.5 s"):
+        _ = short.largest_servo_torque
+
+
+@pytest.mark.parametrize(("frequency", "sample_time"), [(0.9, 0.01), (2.5, 0.01), (10.0, 0.0025), (0.0, 0.01)])
+def test_fast_beats_are_sampled_forty_times_a_beat(frequency: float, sample_time: float) -> None:
+    result = swim(gait=carangiform(0.1, frequency), duration=1.0)
+    assert np.diff(result.time) == pytest.approx(np.full(round(1.0 / sample_time), sample_time))
+
+
+def test_means_of_a_fast_beat_do_not_depend_on_the_samples() -> None:
+    gait = carangiform(math.radians(15.0), 10.0)
+    result, fine = (swim(gait=gait, duration=2.0, sample_time=each) for each in (None, 2e-4))
+    assert result.mean_thrust == pytest.approx(fine.mean_thrust, rel=1e-3)
+    assert result.mean_servo_power == pytest.approx(fine.mean_servo_power, rel=1e-3)
+
+
+def test_swim_shorter_than_a_sample_is_swum() -> None:
+    assert swim(duration=0.005).duration == 0.005
+
+
+def test_joint_that_does_not_beat_gives_no_frequency() -> None:
+    assert swim(gait=carangiform(0.1, 0.0), duration=1.0).frequency == 0.0
+
+
+@pytest.mark.parametrize("arguments", [{"duration": 1e5}, {"step": 1e-7}, {"sample_time": 1e-9}])
+def test_swim_that_no_memory_holds_is_refused(arguments: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match=r"duration = .* step = .* steps, more than the 3333333"):
+        swim(**arguments)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("name", ["steady_speed", "mean_thrust", "efficiency", "strouhal_number", "turning_rate"])
 def test_steady_figures_need_a_whole_beat_after_the_ramp(name: str) -> None:
     short = swim(duration=1.5)

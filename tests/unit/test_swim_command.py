@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from fin_plant.gait import carangiform
 from fin_sim import swim_command
 from fin_sim.dynamics import StepError
 from fin_sim.sweep import Plan, parse_axis, sweep_plans
@@ -55,6 +56,20 @@ def test_json_has_no_infinity(capsys: pytest.CaptureFixture[str]) -> None:
     figures = json.loads(_run(capsys, *SHORT, "--clamp", "fixed", "--json")[0])
     assert figures["strouhal_number"] is None
     assert figures["mean_thrust_last_two_periods"] > 0.0
+
+
+@pytest.mark.parametrize("clamp", ["fixed", "towed"])
+def test_means_over_two_periods_are_those_of_the_swim(capsys: pytest.CaptureFixture[str], clamp: str) -> None:
+    tow = ("--tow_speed", "0.05") if clamp == "towed" else ()
+    arguments = ("--frequency", "10", "--duration", "2", "--clamp", clamp, *tow)
+    figures = json.loads(_run(capsys, *arguments, "--json")[0])
+    speed = 0.05 if tow else 0.0
+    fine = swim(
+        gait=carangiform(math.radians(15.0), 10.0), duration=2.0, clamp=clamp, tow_speed=speed, sample_time=2e-4
+    )
+    for name, values in (("thrust", fine.convective_force[:, 0]), ("power", fine.servo_power)):
+        wanted = fine.mean_between(values, 1.8, 2.0)
+        assert figures[f"mean_{name}_last_two_periods"] == pytest.approx(wanted, rel=1e-3)
 
 
 def test_sweep_over_two_numbers_has_a_row_for_each_pair(capsys: pytest.CaptureFixture[str]) -> None:

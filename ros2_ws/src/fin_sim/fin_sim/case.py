@@ -155,14 +155,17 @@ def read_case(path: Path) -> Case:
         raise ValueError(msg) from None
 
 
-def summary(swim: Swim) -> dict[str, float]:
+def summary(swim: Swim, *, every: int | None = None) -> dict[str, float]:
     """Return the figures that are compared between solvers.
 
     ``mean_speed`` m/s and ``final_psi`` rad; for a held or towed body ``mean_thrust_last_two_periods``, the mean
     convective and resistive force on the tail along x in N, and ``mean_power_last_two_periods`` of the servos in W.
-    As in the reference cases the two means run by trapezoids over those rows of the trajectory file that lie in the
-    last two periods, up to a row less than two periods: `Swim.mean_thrust` and `Swim.mean_servo_power` take the beats
-    exactly.
+
+    Args:
+        swim: The swim.
+        every: Samples from one row of a case's trajectory file to the next: the two means then run as in the reference
+            cases, by trapezoids over those rows that lie in the last two periods, up to a row less than two periods.
+            Without it they run over the two periods exactly.
 
     Raises:
         ValueError: A held or towed swim shorter than two periods.
@@ -175,11 +178,15 @@ def summary(swim: Swim) -> dict[str, float]:
                 "let it beat for longer"
             )
             raise ValueError(msg)
-        time = swim.time[::SAMPLES_A_ROW]
-        chosen = time >= time[-1] - _MEANS_OVER / swim.frequency - 1e-9
+        begin = swim.duration - _MEANS_OVER / swim.frequency
         for name, values in (("thrust", swim.convective_force[:, 0]), ("power", swim.servo_power)):
-            mean = np.trapezoid(values[::SAMPLES_A_ROW][chosen], time[chosen]) / np.ptp(time[chosen])
-            figures[f"mean_{name}_last_two_periods"] = float(mean)
+            if every is None:
+                mean = swim.mean_between(values, max(begin, 0.0), swim.duration)
+            else:
+                time = swim.time[::every]
+                chosen = time >= begin - 1e-9
+                mean = float(np.trapezoid(values[::every][chosen], time[chosen]) / np.ptp(time[chosen]))
+            figures[f"mean_{name}_last_two_periods"] = mean
     return figures
 
 

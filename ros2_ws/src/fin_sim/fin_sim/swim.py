@@ -26,9 +26,29 @@ RAMP_TIME = 0.5
 STEP = 1e-3
 IDEAL_SERVO = Servo()
 SAMPLE_TIME = 1e-2
+"""Time between two samples in s, where the tail does not beat faster than 2.5 Hz."""
+_SAMPLES_A_BEAT = 40
 _DURATION_LIMIT = 1e5
+# Steps times links: what a swim holds in memory grows with it, to 1 GB or so.
+_LARGEST_SWIM = 10_000_000
 # A fin that flutters or whips may need a shorter step than was asked for: a quarter, then a sixteenth of it.
 _SHORTER_STEPS = 2
+
+
+def _default_sample_time(gait: Gait, duration: float) -> float:
+    """Return `SAMPLE_TIME` or, where that is shorter, a fortieth of the fastest beat or the whole swim, s."""
+    fastest = max(joint.frequency for joint in gait.joints)
+    return min(SAMPLE_TIME, duration, 1.0 / (_SAMPLES_A_BEAT * fastest) if fastest > 0.0 else SAMPLE_TIME)
+
+
+def _refuse_too_many_steps(links: int, duration: float, step: float) -> None:
+    most = _LARGEST_SWIM // links
+    if duration / step > most:
+        msg = (
+            f"duration = {duration:g} s in steps of step = {step:g} s takes {duration / step:.3g} steps, more than the "
+            f"{most} that a tail of {links} links may take: give a shorter duration or a longer step"
+        )
+        raise ValueError(msg)
 
 
 def swim_chain(
@@ -39,7 +59,7 @@ def swim_chain(
     servo: Servo = IDEAL_SERVO,
     ramp_time: float = RAMP_TIME,
     step: float = STEP,
-    sample_time: float = SAMPLE_TIME,
+    sample_time: float | None = None,
 ) -> Swim:
     """Swim a chain from rest; with the step given; see `swim`.
 
@@ -48,8 +68,11 @@ def swim_chain(
         StepError: The state stopped being finite.
     """
     duration = checks.number("duration", duration, 0.0, _DURATION_LIMIT, unit="s", exclusive_minimum=True)
+    if sample_time is None:
+        sample_time = _default_sample_time(gait, duration)
     sample_time = checks.number("sample_time", sample_time, 0.0, duration, unit="s", exclusive_minimum=True)
     step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
+    _refuse_too_many_steps(len(chain.links), duration, min(step, sample_time))
     samples = max(1, round(duration / sample_time))
     every = math.ceil(duration / samples / step - 1e-9)
     stepper = dynamics.Stepper(chain, duration / (samples * every), every)
@@ -90,7 +113,7 @@ def swim(
     servo: Servo = IDEAL_SERVO,
     ramp_time: float = RAMP_TIME,
     step: float = STEP,
-    sample_time: float = SAMPLE_TIME,
+    sample_time: float | None = None,
 ) -> Swim:
     """Swim a fish from rest.
 
@@ -105,7 +128,7 @@ def swim(
         servo: The servo of every driven joint; the ideal one where none is given.
         ramp_time: Time in which the gait starts, s.
         step: Longest time step, s; shortened to divide the sample time, and where it proves too long for the fin.
-        sample_time: Time between two samples, s.
+        sample_time: Time between two samples, s; where none is given `SAMPLE_TIME`, or a fortieth of a faster beat.
 
     Raises:
         ValueError: An argument that is refused; the message names it.
@@ -118,5 +141,5 @@ def swim(
                 chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time
             )
         except dynamics.StepError:
-            step = 0.25 * min(step, sample_time)
+            step = 0.25 * min(step, sample_time or _default_sample_time(gait, duration))
     return swim_chain(chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time)

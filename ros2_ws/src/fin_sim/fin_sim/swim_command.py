@@ -214,11 +214,11 @@ def _trajectory(swim: Swim, target: str, every: int) -> None:
         case_files.write_trajectory(swim, file, every=every)
 
 
-def _figures(swim: Swim) -> dict[str, float | None]:
+def _figures(swim: Swim, every: int | None) -> dict[str, float | None]:
     figures = {figure.name: figure.of(swim) for figure in FIGURES}
     common = {"mean_speed": swim.mean_speed, "final_psi": float(swim.heading[-1])}
     with suppress(ValueError):  # held or towed for less than two beats: the means are left out
-        common = case_files.summary(swim)
+        common = case_files.summary(swim, every=every)
     return {**figures, **common}
 
 
@@ -251,10 +251,10 @@ def _print_swim(swim: Swim) -> None:
     _console().print(table)
 
 
-def _one(swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float], every: int) -> None:
-    """Put out what was asked of one swim."""
+def _one(swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float], case_row: int | None = None) -> None:
+    """Put out what was asked of one swim; ``case_row``: the samples from one row of a case's file to the next."""
     if options.csv:
-        _trajectory(swim, options.csv, every)
+        _trajectory(swim, options.csv, case_row or 1)
     if options.plot:
         from fin_sim.picture import plot_swim  # noqa: PLC0415
 
@@ -266,7 +266,7 @@ def _one(swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float]
         with _output(options.animate) as file:
             animate_swim(swim, file, body_axes)
     if options.json:
-        print(_json(_figures(swim)))  # noqa: T201
+        print(_json(_figures(swim, case_row)))  # noqa: T201
     elif options.csv != "-":
         _print_swim(swim)
 
@@ -353,7 +353,7 @@ def _run(options: argparse.Namespace) -> None:
         for name in ("body.length", "body.width")
     )
     length, width = (cast("float", value) for value in body)
-    _one(plan.swim(), options, (length, width), 1)
+    _one(plan.swim(), options, (length, width))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -92,7 +92,8 @@ class Swim:
     @cached_property
     def frequency(self) -> float:
         """Tail-beat frequency in Hz: the first joint's that is driven to and fro; 0 where none is."""
-        return next((joint.frequency for joint in self.gait.joints if joint.amplitude > 0.0), 0.0)
+        beating = (joint.frequency for joint in self.gait.joints if joint.amplitude > 0.0 and joint.frequency > 0.0)
+        return next(beating, 0.0)
 
     @cached_property
     def beats(self) -> NDArray[np.float64]:
@@ -156,9 +157,19 @@ class Swim:
 
     @cached_property
     def largest_servo_torque(self) -> float:
-        """Largest torque of any servo after the gait's ramp, N m."""
+        """Largest torque of any servo after the gait's ramp, N m.
+
+        Raises:
+            ValueError: The swim is not longer than the ramp.
+        """
+        if self.duration <= self.ramp_time:
+            msg = (
+                f"duration = {self.duration:g} s is not longer than the gait's ramp of {self.ramp_time:g} s: "
+                "the servo's largest torque is that after it"
+            )
+            raise ValueError(msg)
         driven = np.array(self.chain.driven)
-        return float(np.abs(self.joint_torques[self.time >= self.ramp_time][:, driven]).max(initial=0.0))
+        return float(np.abs(self.joint_torques[self.time >= self.ramp_time][:, driven]).max())
 
     @cached_property
     def efficiency(self) -> float:

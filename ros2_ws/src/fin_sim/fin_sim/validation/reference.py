@@ -23,14 +23,14 @@ def compare(path: Path) -> dict[str, float]:
     """
     case = case_files.read_case(path)
     swim = case.swim()
-    got, wanted = case_files.summary(swim), json.loads(path.read_text(encoding="utf-8"))["summary"]
+    every = case_files.SAMPLES_A_ROW
+    got, wanted = case_files.summary(swim, every=every), json.loads(path.read_text(encoding="utf-8"))["summary"]
     result = {}
     for name, value in wanted.items():
         # A power of 1e-20 W is nought: relative to what a plate under tow takes.
         scale = 1.0 if name == "final_psi" else max(abs(value), 1e-6)
         result[name] = abs(got[name] - value) / scale
     rows = np.genfromtxt(path.with_suffix(".csv"), delimiter=",", names=True)
-    every = case_files.SAMPLES_A_ROW
     if len(rows) != len(swim.time[::every]):
         msg = f"{path.with_suffix('.csv')} has {len(rows)} rows, {len(swim.time[::every])} are needed"
         raise ValueError(msg)
