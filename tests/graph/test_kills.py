@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.bag import is_closed, read_bag
+from fin_optimizer.bag import MAGIC_SIZE, is_closed, read_bag
 from fin_optimizer.score_bag import score_bag
 from fin_optimizer.study import candidates, read_trials
 from fin_optimizer.trial import Outcome
@@ -99,6 +99,8 @@ class Laboratory:
                 continue
             self._cut.add(bag)  # the next one may be killed before it has repaired this bag
             self.losses.cut_bags += 1
+            if next(bag.glob("*.mcap")).stat().st_size <= MAGIC_SIZE:
+                continue
             last = last_stamp(bag)
             # Faster than real time, the fish's last second is not the clock's; and a swim whose plant was killed has
             # ended before.

@@ -58,7 +58,7 @@ _VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
 _HEADER_TYPE = "std_msgs/msg/Header"
 _STAMP_END = 12  # bytes: 4 of CDR encapsulation, 4 of seconds, 4 of nanoseconds
 _LITTLE_ENDIAN, _BIG_ENDIAN = struct.Struct("<iI"), struct.Struct(">iI")
-_MAGIC_SIZE = 8
+MAGIC_SIZE = 8
 _RECORD_HEAD = struct.Struct("<BQ")  # an MCAP record's opcode and length
 
 
@@ -633,14 +633,20 @@ def _ends_as_closed(file: Path) -> bool:
     """Look at the last bytes alone: a study has thousands of bags."""
     with file.open("rb") as stream:
         size = stream.seek(0, os.SEEK_END)
-        stream.seek(max(0, size - _MAGIC_SIZE))
-        return size > 2 * _MAGIC_SIZE and stream.read() == MCAP0_MAGIC
+        stream.seek(max(0, size - MAGIC_SIZE))
+        return size > 2 * MAGIC_SIZE and stream.read() == MCAP0_MAGIC
+
+
+def _check_begun(path: Path) -> None:
+    if path.stat().st_size <= MAGIC_SIZE:
+        msg = f"bag {path} is empty: it was cut off before anything was written"
+        raise BagError(msg)
 
 
 def _whole_records(path: Path) -> tuple[int, bool]:
     """Return the length in bytes of a file's whole records, and whether they end as a closed file does."""
     size = path.stat().st_size
-    end = _MAGIC_SIZE
+    end = MAGIC_SIZE
     with path.open("rb") as file:
         while end + _RECORD_HEAD.size <= size:
             file.seek(end)
@@ -649,8 +655,8 @@ def _whole_records(path: Path) -> tuple[int, bool]:
             if opcode == 0 or after > size:  # a power cut can leave zeros where data were not yet written
                 return end, False
             end = after
-            if opcode == Opcode.FOOTER and end + _MAGIC_SIZE <= size:
-                return end + _MAGIC_SIZE, True
+            if opcode == Opcode.FOOTER and end + MAGIC_SIZE <= size:
+                return end + MAGIC_SIZE, True
     return end, False
 
 
@@ -661,6 +667,7 @@ def _records(path: Path) -> Iterator[McapRecord]:
         BagError: The file cannot be read, or bytes inside it are damaged.
     """
     try:
+        _check_begun(path)
         length, complete = _whole_records(path)
         with path.open("rb") as file:
             content = io.BytesIO(file.read(length))

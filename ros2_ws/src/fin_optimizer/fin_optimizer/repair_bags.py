@@ -14,7 +14,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fin_optimizer.bag import BagError, BagTopic, BagWriter, is_closed, mcap_file, read_bag
+from fin_optimizer.bag import MAGIC_SIZE, BagError, BagTopic, BagWriter, is_closed, mcap_file, read_bag
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -33,15 +33,19 @@ class Repair:
         counts: Messages by topic that the repaired bag holds; empty if it could not be repaired.
         lost: Bytes at the end of the original that were no whole chunk any more.
         failure: Why it could not be repaired, or empty. The original is then as it was.
+        empty: Nothing had been written to it yet, so it was removed.
     """
 
     path: Path
     counts: Mapping[str, int]
     lost: int
     failure: str = ""
+    empty: bool = False
 
     def __str__(self) -> str:
         """Say what came of it."""
+        if self.empty:
+            return f"bag {self.path.name} was left open before anything was written to it: removed"
         if self.failure:
             return f"bag {self.path.name} was left open and cannot be repaired: {self.failure}"
         counts = ", ".join(f"{count} {topic}" for topic, count in self.counts.items() if count) or "none"
@@ -57,11 +61,21 @@ def repair_bag(path: Path) -> Repair | None:
     """
     if is_closed(path):
         return None
+    if _holds_nothing(path):
+        shutil.rmtree(path)
+        return Repair(path, {}, 0, empty=True)
     try:
         original = read_bag(path)
         return _repaired(path, original)
     except (BagError, OSError) as error:
         return Repair(path, {}, 0, str(error))
+
+
+def _holds_nothing(path: Path) -> bool:
+    """Whether the bag was killed between the making of its file and the first byte behind the file's magic."""
+    names = {entry.name for entry in path.iterdir()}
+    file = mcap_file(path)
+    return names == {file.name} and file.stat().st_size <= MAGIC_SIZE
 
 
 def _repaired(path: Path, original: Bag) -> Repair:
