@@ -26,6 +26,10 @@ test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k
 test-long: setup ## the proofs that take minutes: hundreds of kills, real firmware, exhaustive grids, mutants
 	@$(environment) && exec python -m pytest -m "long or firmware" --timeout=1800 $(PYTEST_ARGS)
 
+.PHONY: torture
+torture: setup ## no trial is ever lost: 200 kills at random moments, ten thousand trials; prints what was lost
+	@$(environment) && exec python -m pytest -m long --timeout=3600 -s tests/graph/test_kills.py tests/graph/test_many_trials.py $(PYTEST_ARGS)
+
 .PHONY: validation
 validation: setup ## check the physics against every known answer; writes docs/validation.md and its figures
 	@./run fin_sim validation
