@@ -8,6 +8,8 @@ HEADER = b"\xff\xff\xfd\x00"
 BROADCAST = 0xFE
 PING, READ, WRITE, STATUS, SYNC_READ, SYNC_WRITE = 0x01, 0x02, 0x03, 0x55, 0x82, 0x83
 _POLYNOMIAL = 0x8005
+_LONGEST_PACKET = 512
+"""Bytes; a length beyond it is a broken one, not worth waiting for."""
 _LENGTH_AT = 5
 _BODY_AT = 7
 
@@ -58,6 +60,9 @@ class Parser:
             if len(self._waiting) < _BODY_AT:
                 return None
             end = _BODY_AT + int.from_bytes(self._waiting[_LENGTH_AT:_BODY_AT], "little")
+            if end > _LONGEST_PACKET:
+                del self._waiting[:1]
+                continue
             if len(self._waiting) < end:
                 return None
             raw = bytes(self._waiting[:end])

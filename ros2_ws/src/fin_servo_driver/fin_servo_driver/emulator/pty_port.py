@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from fin_servo_driver.emulator.devices import Device
 
 _LOOK = 0.002
+_BOOT = 0.05
+"""s from the opening of the port to the device's first word; a real board takes longer, and who opens flushes first."""
 
 
 class PtyPort:
@@ -41,6 +43,7 @@ class PtyPort:
         self._random = np.random.default_rng(seed)
         self._master: int | None = None
         self._is_open = False
+        self._speaks_at = float("inf")
         self._lock = threading.Lock()
         self._ended = threading.Event()
         self.plug()
@@ -100,7 +103,10 @@ class PtyPort:
         poller.register(master, select.POLLIN)
         events = dict(poller.poll(0)).get(master, 0)
         is_open = not events & select.POLLHUP
-        if is_open and not self._is_open and not self.silent:
+        if is_open and not self._is_open:
+            self._speaks_at = now + _BOOT
+        if now >= self._speaks_at and not self.silent:
+            self._speaks_at = float("inf")
             self._answer(master, self.device.opened(now))
         self._is_open = is_open
         if events & select.POLLIN:

@@ -1,0 +1,341 @@
+"""The I/O thread on emulated devices: plug and replug, silence, garbage, stalls, leaks."""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from fin_plant.gait import PAPER_GAIT
+from fin_servo_driver import backends, robot_file
+from fin_servo_driver.emulator.devices import Firmata
+from fin_servo_driver.emulator.emulate import device_for
+from fin_servo_driver.emulator.pty_port import PtyPort
+from fin_servo_driver.io_thread import IoThread, Mailbox
+from fin_servo_driver.line import DeviceError, LineLostError, LineStalledError, WrongDeviceError
+from fin_servo_driver.port import SerialLine
+from fin_servo_driver.relay import RelayMotion
+from fin_servo_driver.set_points import Motion, ServoMotion
+from fin_servo_driver.tail import Command, Phase, Settings
+from support.waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+RECOVERY = 2.0
+"""s after a port is back within which the driver must be, too."""
+ALL = tuple(backends.BACKENDS)
+
+
+@dataclass
+class Rig:
+    """An emulated device and the thread that drives it."""
+
+    port: PtyPort
+    thread: IoThread
+    motion: Motion
+    reports: list[str]
+
+    def gait(self) -> None:
+        """Send the paper's gait."""
+        self.thread.mailbox.put(Command(self.motion.allowed(PAPER_GAIT, 0.2617, 5.0), time.monotonic()))
+
+    def repeat_until(self, condition: Callable[[], object], timeout: float, what: str) -> None:
+        """Send the gait again and again until the condition holds."""
+        end = time.monotonic() + timeout
+        while not condition():
+            assert time.monotonic() < end, f"no {what} within {timeout} s: {self.thread.health}"
+            self.gait()
+            time.sleep(0.02)
+
+    def driven(self) -> bool:
+        """Whether the device gives force to anything."""
+        relays = isinstance(self.motion, RelayMotion)
+        return any(value if relays else value is not None for value in self.port.device.outputs.values())
+
+
+def rig_of(name: str, folder: Path, device: Firmata | None = None) -> Rig:
+    robot = robot_file.load(robot_file.find(name))
+    backend = backends.make(robot)
+    motion: Motion
+    motion = RelayMotion(robot.relays, robot.timing, 0.01) if robot.relays else ServoMotion(robot.servos, 0.02)
+    port = PtyPort(device or device_for(robot, lambda _: 0.0), folder / "port")
+    reports: list[str] = []
+    thread = IoThread(
+        backend,
+        motion,
+        Settings(0.5, 0.2),
+        lambda: SerialLine(str(port.path), robot.baud),
+        str(port.path),
+        reports.append,
+    )
+    return Rig(port, thread, motion, reports)
+
+
+@pytest.fixture
+def rig(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rig]:
+    made = rig_of(getattr(request, "param", "firmata"), tmp_path)
+    made.thread.start()
+    yield made
+    made.thread.close()
+    made.port.close()
+
+
+def arm(rig: Rig) -> None:
+    rig.thread.arm()
+    assert rig.thread.wait_for({Phase.SILENT}, 1.0)
+
+
+@pytest.mark.parametrize("rig", ALL, indirect=True)
+def test_every_device_moves_when_told_and_is_safe_after_the_end(rig: Rig) -> None:
+    arm(rig)
+    assert not rig.driven()
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    rig.repeat_until(lambda: rig.thread.health.ticks > 30, 3.0, "set-points")
+    rig.thread.close()
+    wait_until(lambda: not rig.driven(), 1.0, "silence")
+
+
+@pytest.mark.parametrize("rig", ALL, indirect=True)
+def test_every_device_is_silenced_by_a_cut(rig: Rig) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    rig.thread.cut()
+    wait_until(lambda: not rig.driven(), 0.5, "silence")
+
+
+@pytest.mark.parametrize("rig", ALL, indirect=True)
+def test_every_device_is_silenced_when_the_commander_is(rig: Rig) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    wait_until(lambda: not rig.driven() and rig.thread.health.phase is Phase.SILENT, 2.0, "silence")
+    assert rig.thread.health.timeouts == 1
+
+
+@pytest.mark.parametrize("rig", ["dynamixel", "maestro", "modbus"], indirect=True)
+def test_a_device_that_answers_is_missed_when_it_falls_silent(rig: Rig) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    rig.port.silent = True
+    rig.repeat_until(lambda: not rig.thread.health.connected, 6.0, "loss")
+    assert "silent" in rig.thread.health.reason or "did not" in rig.thread.health.reason
+    rig.port.silent = False
+    wait_until(lambda: rig.thread.health.connected, 8.0, "reconnection")
+
+
+def test_a_dynamixel_reports_what_it_measures(tmp_path: Path) -> None:
+    made = rig_of("dynamixel", tmp_path)
+    made.thread.start()
+    arm(made)
+    made.repeat_until(lambda: made.thread.health.voltage == 12.0, 4.0, "voltage")
+    assert made.thread.health.temperature == 35.0
+    assert all(sample.measured for sample in made.thread.samples)
+    made.thread.close()
+    made.port.close()
+
+
+def test_a_dynamixel_stops_by_its_bus_watchdog_when_its_driver_is_gone(tmp_path: Path) -> None:
+    made = rig_of("dynamixel", tmp_path)
+    made.thread.start()
+    arm(made)
+    made.repeat_until(lambda: abs((made.port.device.outputs.get(1) or 2048.0) - 2048.0) > 50.0, 3.0, "stroke")
+    line = made.thread._line
+    made.thread._line = None  # as a kill would leave it: not a byte more
+    assert line is not None
+    wait_until(lambda: made.port.device.tables[1][98] == 0xFF, 1.0, "trip of the watchdog")  # type: ignore[attr-defined]
+    line.close()
+    made.thread.close()
+    made.port.close()
+
+
+def leaks() -> tuple[int, int]:
+    """Return how many threads and open files this process has."""
+    return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
+
+
+@pytest.mark.long
+def test_a_hundred_replugs_under_a_running_gait(rig: Rig) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    before, recoveries = leaks(), []
+    random = np.random.default_rng(1)
+    for number in range(100):
+        rig.port.unplug()
+        rig.repeat_until(lambda: not rig.thread.health.connected, 2.0, "loss")
+        away = float(random.choice([0.0, 0.05, 0.3, 1.0]))
+        gone = time.monotonic()
+        while time.monotonic() < gone + away:
+            rig.gait()
+            time.sleep(0.02)
+        rig.port.plug()
+        back = time.monotonic()
+        # Nobody commands anything after the port is back, so nothing may move.
+        wait_until(lambda: rig.thread.health.connected, RECOVERY, f"reconnection {number}")
+        recoveries.append(time.monotonic() - back)
+        sent = rig.thread.health.ticks
+        time.sleep(0.06)
+        assert not rig.driven()
+        assert rig.thread.health.ticks == sent
+        rig.repeat_until(rig.driven, 2.0, "motion after a fresh gait")
+    assert rig.thread.health.reconnects == 100
+    assert leaks() == before
+    print(f"recovered within {max(recoveries):.2f} s, median {np.median(recoveries):.2f} s")  # noqa: T201
+
+
+def test_replugs_recover_and_wait_for_a_fresh_gait(rig: Rig) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    before = leaks()
+    for _ in range(3):
+        rig.port.unplug()
+        rig.repeat_until(lambda: not rig.thread.health.connected, 2.0, "loss")
+        rig.port.plug()
+        wait_until(lambda: rig.thread.health.connected, RECOVERY, "reconnection")
+        time.sleep(0.1)
+        assert not rig.driven()
+        rig.repeat_until(rig.driven, 2.0, "motion after a fresh gait")
+    assert rig.thread.health.reconnects == 3
+    assert leaks() == before
+
+
+class Liar(Firmata):
+    """A board that answers with garbage."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.garbage = False
+        self._random = np.random.default_rng(2)
+
+    def feed(self, data: bytes, now: float) -> bytes:
+        honest = super().feed(data, now)
+        return self._random.bytes(200) if self.garbage else honest
+
+
+def test_garbage_from_the_device_changes_nothing(tmp_path: Path) -> None:
+    board = Liar()
+    made = rig_of("firmata", tmp_path, board)
+    made.thread.start()
+    arm(made)
+    board.garbage = True
+    made.repeat_until(lambda: made.thread.health.ticks > 100, 5.0, "set-points")
+    assert made.thread.alive
+    assert made.thread.health.connected
+    made.thread.close()
+    made.port.close()
+
+
+class Broken:
+    """A line that fails as told."""
+
+    def __init__(self, failure: DeviceError | None = None, *, behind: bool = False) -> None:
+        self.failure = failure
+        self.behind = behind
+        self.written = bytearray()
+        self.closed = False
+        self.greeted = False
+
+    def write(self, data: bytes) -> None:
+        if self.failure is not None:
+            raise self.failure
+        self.written += data
+
+    def read(self, timeout: float) -> bytes:
+        del timeout
+        if not self.greeted:
+            self.greeted = True
+            return b"\xf9\x02\x05"
+        return b""
+
+    def is_behind(self) -> bool:
+        return self.behind
+
+    def drain(self, timeout: float) -> None:
+        del timeout
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def thread_on(line: Broken, reports: list[str]) -> tuple[IoThread, Motion]:
+    robot = robot_file.load(robot_file.find("firmata"))
+    motion = ServoMotion(robot.servos, 0.02)
+    backend = backends.make(robot)
+    return IoThread(backend, motion, Settings(0.5, 0.2), lambda: line, "fake://", reports.append), motion
+
+
+def test_a_line_that_is_behind_gets_no_more_set_points(tmp_path: Path) -> None:
+    del tmp_path
+    line = Broken(behind=True)
+    thread, motion = thread_on(line, [])
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+    wait_until(lambda: thread.health.dropped > 3, 2.0, "dropped set-points")
+    assert bytes(line.written) in {b"", b"\xf9"}
+    thread.close()
+    assert line.closed
+    assert motion.joints == 1
+
+
+def test_a_line_that_stalls_for_half_a_second_is_lost() -> None:
+    line, reports = Broken(), []  # type: ignore[var-annotated]
+    thread, _ = thread_on(line, reports)
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    line.failure = LineStalledError("took no bytes")
+    begin = time.monotonic()
+    while thread.health.connected and time.monotonic() - begin < 3.0:
+        thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+        time.sleep(0.01)
+    assert 0.4 < time.monotonic() - begin < 1.5
+    assert any("took no bytes" in report for report in reports)
+    thread.close()
+
+
+def test_a_device_that_is_wrong_leaves_no_thread_and_no_open_port() -> None:
+    line = Broken(LineLostError("gone"))
+    line.greeted = True
+    thread, _ = thread_on(line, [])
+    with pytest.raises((WrongDeviceError, LineLostError)):
+        thread.start()
+    assert line.closed
+    assert not thread.alive
+    thread.close()
+
+
+def test_an_unforeseen_failure_still_ends_neutral_and_disabled(recwarn: pytest.WarningsRecorder) -> None:
+    del recwarn
+    line, reports = Broken(), []  # type: ignore[var-annotated]
+    thread, motion = thread_on(line, reports)
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
+    hook, threading.excepthook = threading.excepthook, lambda _: None
+    try:
+        motion.outputs = lambda *_: 1 / 0  # type: ignore[method-assign, assignment]
+        wait_until(lambda: not thread.alive, 2.0, "the end of the thread")
+    finally:
+        threading.excepthook = hook
+    assert bytes(line.written[-4:]) == b"\xe9\x5c\x0b\xff"  # neutral, then the reset
+    assert line.closed
+    assert thread.health.connected is False
+    assert any("ZeroDivisionError" in report for report in reports)
+
+
+def test_the_mailbox_holds_the_newest_command_once() -> None:
+    mailbox = Mailbox()
+    assert mailbox.take() is None
+    first, second = Command(PAPER_GAIT, 1.0), Command(PAPER_GAIT, 2.0)
+    mailbox.put(first)
+    mailbox.put(second)
+    assert mailbox.take() is second
+    assert mailbox.take() is None
