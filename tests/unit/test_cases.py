@@ -91,6 +91,14 @@ def _with(content: dict[str, Any], *keys: object, value: object) -> dict[str, An
         (("joints", 0, "drive", "frequency"), -1.0, "joint 1: gait frequency"),
         (("joints",), [{"drive": {"amplitude": 0.1, "frequency": 1.0}}], "driven names 1 joints"),
         (("colour",), "red", "case has unknown colour"),
+        (("clamp",), "towed", "does not say how fast"),
+        (("duration",), 10**400, "case duration"),
+        (("duration",), 1e-320, "case duration"),
+        (("links", 0, "profile"), 5, "link 1 profile must be a list"),
+        (("links", 0, "profile"), [5], "link 1 profile point 1 must be a distance and a height in m, got 5"),
+        (("links", 0, "profile"), [[0.01, 0.02, 1]], r"link 1 profile point 1 .* got \[0\.01, 0\.02, 1\]"),
+        (("links", 0, "profile"), [[0.01, "high"]], "link 1 profile height must be a number"),
+        (("links", 0, "profile"), [[9.0, 0.02]], "link 1: link profile distance"),
     ],
 )
 def test_bad_case_is_refused_by_name(
@@ -98,6 +106,12 @@ def test_bad_case_is_refused_by_name(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         case_files.parse_case(_with(content, *keys, value=value))
+
+
+def test_profile_of_a_link_is_read(content: dict[str, Any]) -> None:
+    case = case_files.parse_case(_with(content, "links", 0, "profile", value=[[0.01, 0.02]]))
+    assert case.chain.links[0].profile == ((0.01, 0.02),)
+    hash(case.chain)
 
 
 def test_missing_key_is_refused_by_name(content: dict[str, Any]) -> None:

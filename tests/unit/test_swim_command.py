@@ -7,6 +7,7 @@ import io
 import json
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from PIL import Image
@@ -17,7 +18,12 @@ from fin_sim.dynamics import StepError
 from fin_sim.sweep import Plan, parse_axis, sweep_plans
 from fin_sim.swim import swim
 
+if TYPE_CHECKING:
+    from fin_sim.chain import Clamp
+    from fin_sim.swim import Swim
+
 CASES = Path(__file__).parents[1] / "data" / "cases"
+PAPER = Path(__file__).parents[2] / "ros2_ws" / "src" / "fin_sim" / "config" / "paper.yaml"
 SHORT = ("--duration", "3")
 
 
@@ -58,15 +64,14 @@ def test_json_has_no_infinity(capsys: pytest.CaptureFixture[str]) -> None:
     assert figures["mean_thrust_last_two_periods"] > 0.0
 
 
-@pytest.mark.parametrize("clamp", ["fixed", "towed"])
-def test_means_over_two_periods_are_those_of_the_swim(capsys: pytest.CaptureFixture[str], clamp: str) -> None:
-    tow = ("--tow_speed", "0.05") if clamp == "towed" else ()
-    arguments = ("--frequency", "10", "--duration", "2", "--clamp", clamp, *tow)
-    figures = json.loads(_run(capsys, *arguments, "--json")[0])
-    speed = 0.05 if tow else 0.0
-    fine = swim(
-        gait=carangiform(math.radians(15.0), 10.0), duration=2.0, clamp=clamp, tow_speed=speed, sample_time=2e-4
-    )
+@pytest.mark.parametrize(("clamp", "speed"), [("fixed", 0.0), ("towed", 0.05)])
+def test_means_over_two_periods_are_those_of_the_swim(
+    capsys: pytest.CaptureFixture[str], clamp: Clamp, speed: float
+) -> None:
+    tow = ("--tow_speed", str(speed)) if clamp == "towed" else ()
+    figures = json.loads(_run(capsys, "--frequency", "10", "--duration", "2", "--clamp", clamp, *tow, "--json")[0])
+    gait = carangiform(math.radians(15.0), 10.0)
+    fine = swim(gait=gait, duration=2.0, clamp=clamp, tow_speed=speed, sample_time=2e-4)
     for name, values in (("thrust", fine.convective_force[:, 0]), ("power", fine.servo_power)):
         wanted = fine.mean_between(values, 1.8, 2.0)
         assert figures[f"mean_{name}_last_two_periods"] == pytest.approx(wanted, rel=1e-3)
@@ -122,6 +127,49 @@ def test_parameters_come_from_the_nodes_file(capsys: pytest.CaptureFixture[str],
     assert from_file == given
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("/**: {ros__parameters: {fin.lenght: 0.07}}", "fin.lenght is not a parameter: did you mean fin.length"),
+        ("simulator: {ros__parameters: {body: {masss: 0.2}}}", "body.masss is not a parameter: did you mean body.mass"),
+        ("optimizer: {ros__parameters: {trials: 3}}", "has parameters of optimizer only"),
+        ("/**: {ros__parameters: {fin.segments: many}}", "fin.segments = 'many' must be a whole number"),
+        ("/**: {ros__parameters: {step: short}}", "step = 'short' must be a number"),
+        ("/**: {ros__parameters: {peduncle.length: [long]}}", "must be a number"),
+        ("/**: {ros__parameters: {peduncle.length: 3}}", "must be a list"),
+    ],
+)
+def test_parameter_file_with_a_mistake_is_refused_by_name(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, text: str, message: str
+) -> None:
+    file = tmp_path / "fish.yaml"
+    file.write_text(text, encoding="utf-8")
+    _, err = _run(capsys, "--params-file", file, code=2)
+    assert "fish.yaml" in err
+    assert message in err
+
+
+def test_parameter_file_may_hold_what_only_the_node_has_and_other_nodes(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    file = tmp_path / "fish.yaml"
+    file.write_text(
+        "/**: {ros__parameters: {use_sim_time: false}}\n"
+        "/fish/simulator: {ros__parameters: {sample_rate: 100.0, limits.sweep: 0.2, step: 2e-3, fin.length: 7e-2}}\n"
+        "/fish/optimizer: {ros__parameters: {trials: 3}}\n",
+        encoding="utf-8",
+    )
+    from_file = json.loads(_run(capsys, *SHORT, "--params-file", file, "--json")[0])
+    assert from_file == json.loads(_run(capsys, *SHORT, "--step", "2e-3", "--fin.length", "0.07", "--json")[0])
+
+
+def test_folder_that_cannot_be_written_to_is_refused_before_the_swim(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)
+    assert "cannot be written to" in _run(capsys, "--csv", tmp_path / "out.csv", code=2)[1]
+
+
 def test_pictures_are_written_and_a_replaced_file_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     plot, movie = tmp_path / "swim.png", tmp_path / "swim.gif"
     plot.write_text("old", encoding="utf-8")
@@ -172,6 +220,21 @@ def test_sweep_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
         (("--csv", "-", "--json"), "give the CSV a file"),
         (("--sweep", "frequency=1,2", "--animate", "swim.gif"), "--animate shows one swim"),
         (("--csv", "nowhere/out.csv"), "its folder does not exist"),
+        (("--csv", "a.png", "--plot", "./a.png"), "go to the same file"),
+        (("--tow_speed", "0.03"), "tow_speed is that of a towed body, this one is free"),
+        (("--clamp", "fixed", "--sweep", "tow_speed=0.01,0.02"), "tow_speed is that of a towed body"),
+        (("--material", "PP", "--fin.density", "900"), "--material gives fin.density"),
+        (("--material", "PP", "--params-file", str(PAPER)), "--material gives fin.young_modulus"),
+        (("--material", "PP", "--sweep", "fin.density=900,1000"), "--material gives fin.density"),
+        (("--case", str(CASES / "plate_fixed.json"), "--step", "0"), "step = 0 s"),
+        (("--case", str(CASES / "plate_fixed.json"), "--params-file", str(PAPER)), "leave out --params-file"),
+        (("--frequency", "0"), "frequency = 0 Hz"),
+        (("--sweep", "frequency=0,1"), "frequency = 0 Hz"),
+        (("--duration", "1e5"), "duration = 100000 s in steps of step = 0.001 s"),
+        (("--step", "1e-7"), "duration = 10 s in steps of step = 1e-07 s"),
+        (("--gait", "sub_carangiform"), "peduncle.length, peduncle.root_height"),
+        (("--sweep", "duration=1,2"), "duration is not a parameter that can be swept"),
+        (("--fin.segments", "abc"), "fin.segments = 'abc' must be a whole number: allowed is [1, 20]"),
     ],
 )
 def test_bad_input_is_refused_before_anything_is_written(
@@ -214,6 +277,57 @@ def test_swim_that_diverges_ends_with_1(
     _, err = _run(capsys, "--csv", "out.csv", code=1)
     assert "use a shorter step" in err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_sweep_leaves_a_gap_for_a_swim_that_diverges(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    swum = Plan.swim
+
+    def diverge(plan: Plan) -> Swim:
+        if plan.frequency == 1.0:
+            raise StepError(0.5)
+        return swum(plan)
+
+    monkeypatch.setattr(Plan, "swim", diverge)
+    file = tmp_path / "table.csv"
+    arguments = (*SHORT, "--sweep", "frequency=0.9,1,1.1", "--csv", file, "--plot", tmp_path / "sweep.png")
+    _, err = _run(capsys, *arguments, code=1)
+    rows = list(csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))))
+    assert [row["frequency"] for row in rows] == ["0.9", "1.0", "1.1"]
+    assert [bool(row["mean_speed"]) for row in rows] == [True, False, True]
+    assert "frequency = 1: the state stopped being finite" in err
+    assert (tmp_path / "sweep.png").is_file()
+
+
+def test_interrupted_sweep_keeps_its_rows(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    swum = Plan.swim
+
+    def interrupt(plan: Plan) -> Swim:
+        if plan.frequency == 1.0:
+            raise KeyboardInterrupt
+        return swum(plan)
+
+    monkeypatch.setattr(Plan, "swim", interrupt)
+    file = tmp_path / "table.csv"
+    _, err = _run(capsys, *SHORT, "--sweep", "frequency=0.9,1,1.1", "--csv", file, code=130)
+    rows = list(csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))))
+    assert [row["frequency"] for row in rows] == ["0.9"]
+    assert "stopped after 1 of 3 swims" in err
+
+
+def test_interrupted_swim_ends_quietly(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(_: Plan) -> Swim:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Plan, "swim", interrupt)
+    assert _run(capsys, code=130) == ("", "")
+
+
+def test_swim_within_its_ramp_shows_no_servo_torque(capsys: pytest.CaptureFixture[str]) -> None:
+    assert json.loads(_run(capsys, "--duration", "0.005", "--json")[0])["largest_servo_torque"] is None
 
 
 def test_sweep_spaces_its_values() -> None:

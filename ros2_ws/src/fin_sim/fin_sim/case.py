@@ -18,7 +18,7 @@ from fin_plant import checks
 from fin_plant.gait import Gait, JointDrive
 from fin_sim.chain import Chain
 from fin_sim.fish import Body, Link, Water
-from fin_sim.swim import swim_chain
+from fin_sim.swim import LONGEST, SHORTEST, swim_chain
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -99,6 +99,22 @@ def _array(where: str, value: object) -> list[object]:
     return value
 
 
+def _link(where: str, value: object) -> Link:
+    """Return a link; the lists of its profile become tuples."""
+    if not isinstance(value, dict) or "profile" not in value:
+        return _build(Link, where, value)
+    profile = []
+    for number, point in enumerate(_array(f"{where} profile", value["profile"]), start=1):
+        if not isinstance(point, list) or len(point) != 2:  # noqa: PLR2004
+            msg = f"{where} profile point {number} must be a distance and a height in m, got {point!r}"
+            raise ValueError(msg)
+        names = ("distance", "height")
+        profile.append(
+            tuple(checks.number(f"{where} profile {n}", item, unit="m") for n, item in zip(names, point, strict=True))
+        )
+    return _build(Link, where, {**value, "profile": tuple(profile)})
+
+
 def parse_case(content: object) -> Case:
     """Return the case of a parsed JSON file, or of its ``case`` object alone.
 
@@ -107,7 +123,7 @@ def parse_case(content: object) -> Case:
     """
     case = content["case"] if isinstance(content, dict) and "case" in content else content
     case = _object("case", case, _KEYS, _KEYS)
-    links = tuple(_build(Link, f"link {i}", item) for i, item in enumerate(_array("case links", case["links"]), 1))
+    links = tuple(_link(f"link {i}", item) for i, item in enumerate(_array("case links", case["links"]), 1))
     driven, drives = [], []
     for number, item in enumerate(_array("case joints", case["joints"]), start=1):
         where = f"joint {number}"
@@ -121,6 +137,9 @@ def parse_case(content: object) -> Case:
     clamp, tow_speed = case["clamp"], 0.0
     if isinstance(clamp, dict):
         clamp, tow_speed = "towed", _object("case clamp", clamp, {"tow"}, {"tow"})["tow"]
+    elif clamp == "towed":
+        msg = 'case clamp = "towed" does not say how fast: write {"tow": speed in m/s}'
+        raise ValueError(msg)
     chain = Chain(
         body=_build(Body, "case body", case["body"]),
         links=links,
@@ -137,7 +156,7 @@ def parse_case(content: object) -> Case:
         chain=chain,
         gait=Gait(tuple(drives)),
         ramp_time=checks.number("case ramp", case["ramp"], 0.0, unit="s"),
-        duration=checks.number("case duration", case["duration"], 0.0, unit="s", exclusive_minimum=True),
+        duration=checks.number("case duration", case["duration"], SHORTEST, LONGEST, unit="s"),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from dataclasses import dataclass, replace
 from itertools import product
@@ -19,8 +20,6 @@ from fin_sim.servo import Servo
 from fin_sim.swim import SIMULATOR_PARAMETERS, swim
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from fin_sim.swim_result import Swim
 
 # What only the node has: its pace and its rate of messages.
@@ -101,6 +100,15 @@ class Plan:
         """
         checks.number("amplitude", self.amplitude, 0.0, 180.0, unit="degrees")
         checks.number("bias", self.bias, -180.0, 180.0, unit="degrees")
+        if self.amplitude > 0.0 and self.frequency == 0.0:
+            msg = "frequency = 0 Hz: a tail does not beat at it; give one above 0 Hz, or amplitude 0"
+            raise ValueError(msg)
+        if self.gait == "sub_carangiform" and joints < 2:  # noqa: PLR2004
+            msg = (
+                f"driven joints of a sub-carangiform gait = {joints}, it needs 2 or 3: give the tail links before the "
+                f"fin with {', '.join(name for name in PARAMETERS if name.startswith('peduncle.'))}"
+            )
+            raise ValueError(msg)
         gait = gait_preset(self.gait, joints, math.radians(self.amplitude), self.frequency)
         return Gait(tuple(replace(joint, bias=math.radians(self.bias)) for joint in gait.joints))
 
@@ -153,7 +161,15 @@ def parse_axis(text: str) -> Axis:
     """
     name, _, rule = text.partition("=")
     if name not in GAIT_NUMBERS:
-        parameter = PARAMETERS.require(name)
+        if name not in PARAMETERS:
+            near = difflib.get_close_matches(name, (*PARAMETERS, *GAIT_NUMBERS), n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            msg = (
+                f"{name or repr(text)} is not a parameter that can be swept: {hint}{', '.join(GAIT_NUMBERS)} can, and "
+                "the numbers that `swim --help` lists last"
+            )
+            raise ValueError(msg)
+        parameter = PARAMETERS[name]
         if parameter.kind not in {"double", "integer"}:
             msg = f"sweep over {name}: it is no number; sweep over one that is"
             raise ValueError(msg)
@@ -199,12 +215,6 @@ def sweep_plans(plan: Plan, axes: list[Axis]) -> list[tuple[tuple[float, ...], P
         changed.check()
         result.append((numbers, changed))
     return result
-
-
-def swims(plans: list[tuple[tuple[float, ...], Plan]]) -> Iterator[tuple[tuple[float, ...], Swim]]:
-    """Swim the plans one after the other."""
-    for numbers, plan in plans:
-        yield numbers, plan.swim()
 
 
 @dataclass(frozen=True)

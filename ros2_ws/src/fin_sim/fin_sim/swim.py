@@ -28,7 +28,8 @@ IDEAL_SERVO = Servo()
 SAMPLE_TIME = 1e-2
 """Time between two samples in s, where the tail does not beat faster than 2.5 Hz."""
 _SAMPLES_A_BEAT = 40
-_DURATION_LIMIT = 1e5
+SHORTEST, LONGEST = 1e-6, 1e5
+"""Range of a swim's duration, s."""
 # Steps times links: what a swim holds in memory grows with it, to 1 GB or so.
 _LARGEST_SWIM = 10_000_000
 # A fin that flutters or whips may need a shorter step than was asked for: a quarter, then a sixteenth of it.
@@ -67,7 +68,7 @@ def swim_chain(
         ValueError: A duration, ramp, step or sample time outside its range, or a gait with another number of joints.
         StepError: The state stopped being finite.
     """
-    duration = checks.number("duration", duration, 0.0, _DURATION_LIMIT, unit="s", exclusive_minimum=True)
+    duration = checks.number("duration", duration, SHORTEST, LONGEST, unit="s")
     if sample_time is None:
         sample_time = _default_sample_time(gait, duration)
     sample_time = checks.number("sample_time", sample_time, 0.0, duration, unit="s", exclusive_minimum=True)

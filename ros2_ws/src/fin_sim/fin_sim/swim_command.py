@@ -20,25 +20,31 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from fin_plant import checks
 from fin_plant.fin import PLANT_PARAMETERS, SHAPES
+from fin_plant.parameters import ParameterTable
 from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
 from fin_sim.materials import material
-from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_axis, sweep_plans, swims
+from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_axis, sweep_plans
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from fin_plant.parameters import Value
+    from fin_plant.parameters import Parameter, Value
     from fin_sim.swim_result import Swim
 
 _PLAN_OPTIONS = tuple(item.name for item in fields(Plan) if item.name != "values")
 # What a node's parameter file says of the run, and the option that says it here.
 _RUN_PARAMETERS = {"reactive": "reactive", "step": "step", "drive.ramp_time": "ramp_time"}
+# Parameters that ROS gives every node.
+_EVERY_NODES = ("use_sim_time", "qos_overrides.", "start_type_description_service")
+_OF_MATERIAL = ("fin.young_modulus", "fin.density")
 _BAD_INPUT = 2
 _SWIM_FAILED = 1
+_INTERRUPTED = 130
 _PIPE_WIDTH = 140
 _EXAMPLES = """examples:
   swim                                              the paper's fish with the paper fin, 10 s
@@ -111,38 +117,56 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _value(name: str, text: str) -> Value:
-    """Return what the command line gives for a parameter, in the parameter's type."""
-    parameter = PARAMETERS[name]
+def _value(parameter: Parameter, given: object) -> Value:
+    """Return what the command line or a file gives for a parameter, in the parameter's type.
+
+    A number may be a text: the command line knows nothing else, and YAML 1.1 takes 2.0e9 for one where ROS does not.
+    """
+
+    def number(item: object) -> object:
+        return float(item) if isinstance(item, str) else item
+
     try:
         if parameter.kind == "double_array":
-            return parameter.check([float(part) for part in text.split(",") if part.strip()])
-        return parameter.check(float(text) if parameter.kind in {"double", "integer"} else text)
-    except ValueError as error:
-        if name in str(error):
-            raise
-        msg = f"{name} = {text!r} must be a number"
+            parts = [part for part in given.split(",") if part.strip()] if isinstance(given, str) else given
+            given = [number(part) for part in parts] if isinstance(parts, list) else parts
+        elif parameter.kind in {"double", "integer"}:
+            given = number(given)
+    except ValueError:
+        allowed = checks.describe_range(parameter.minimum, parameter.maximum, parameter.unit)
+        kind = "whole number" if parameter.kind == "integer" else "number"
+        msg = f"{parameter.name} = {given!r} must be a {kind}: allowed is {allowed}"
         raise ValueError(msg) from None
+    return parameter.check(given)
+
+
+def _is_simulators(node: str) -> bool:
+    """Return whether the entry of a ROS parameter file counts for the simulator: named so, or all nodes' (``/**``)."""
+    name = node.rsplit("/", 1)[-1]
+    return name == "simulator" or "*" in name
 
 
 def _read_parameters(path: Path) -> tuple[dict[str, Value], dict[str, Value]]:
     """Return what a ROS parameter file says of fin, fish and servo, and of the run; the rest is the node's alone."""
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        nodes = [entry["ros__parameters"] for entry in content.values()]
-        flat = {name: value for node in nodes for name, value in _flatten(node)}
+        nodes = {name: dict(_flatten(entry["ros__parameters"])) for name, entry in content.items()}
+        chosen = [entry for name, entry in nodes.items() if _is_simulators(name)]
     except (yaml.YAMLError, UnicodeDecodeError, AttributeError, KeyError, TypeError) as error:
         msg = f"{path} is not a ROS parameter file (node: ros__parameters: name: value): {error!r}"
         raise ValueError(msg) from None
-    # YAML 1.1 takes 2.0e9 for a text, ROS takes it for a number.
-    values = {
-        name: _value(name, value) if isinstance(value, str) else PARAMETERS[name].check(value)
-        for name, value in flat.items()
-        if name in PARAMETERS
-    }
-    known = {**PLANT_PARAMETERS, **SIMULATOR_PARAMETERS}
-    run = {option: known[name].check(flat[name]) for name, option in _RUN_PARAMETERS.items() if name in flat}
-    return values, run
+    if not chosen:
+        msg = f"{path} has parameters of {', '.join(nodes)} only: name its entry simulator or /**"
+        raise ValueError(msg)
+    known = ParameterTable({**PLANT_PARAMETERS, **SIMULATOR_PARAMETERS})
+    flat = {name: value for entry in chosen for name, value in entry.items() if not name.startswith(_EVERY_NODES)}
+    try:
+        checked = {name: _value(known.require(name), value) for name, value in flat.items()}
+    except ValueError as error:
+        msg = f"{path}: {error}"
+        raise ValueError(msg) from None
+    values = {name: value for name, value in checked.items() if name in PARAMETERS}
+    return values, {option: checked[name] for name, option in _RUN_PARAMETERS.items() if name in checked}
 
 
 def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
@@ -156,8 +180,12 @@ def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[st
 def _plan(options: argparse.Namespace) -> Plan:
     values, run = _read_parameters(options.params_file) if options.params_file else ({}, {})
     given = {name: getattr(options, name) for name in PARAMETERS}
-    values |= {name: _value(name, text) for name, text in given.items() if text is not None}
+    values |= {name: _value(PARAMETERS[name], text) for name, text in given.items() if text is not None}
     chosen = {name: getattr(options, name) for name in _PLAN_OPTIONS if getattr(options, name) is not None}
+    twice = [name for name in _OF_MATERIAL if options.material and name in values]
+    if twice:
+        msg = f"--material gives {twice[0]}: leave one of them out"
+        raise ValueError(msg)
     plan = Plan(values, **{**run, **chosen})
     if options.shape:
         shaped = plan.fin().shaped(options.shape)
@@ -169,7 +197,8 @@ def _refuse_with_case(options: argparse.Namespace) -> None:
     names = [*PARAMETERS, *(name for name in _PLAN_OPTIONS if name != "step"), "material", "shape", "params_file"]
     given = [name for name in names if getattr(options, name) is not None]
     if given or options.sweep:
-        msg = f"--case holds every parameter: leave out --{(given or ['sweep'])[0]} or edit the file"
+        option = (given or ["sweep"])[0].replace("params_file", "params-file")
+        msg = f"--case holds every parameter: leave out --{option} or edit the file"
         raise ValueError(msg)
 
 
@@ -186,10 +215,18 @@ def _check_outputs(options: argparse.Namespace) -> None:
         msg = "--csv - and --json both write to standard output: give the CSV a file"
         raise ValueError(msg)
     csv_file = Path(options.csv) if options.csv and options.csv != "-" else None
-    for path in (csv_file, options.plot, options.animate):
-        if path and (not path.parent.is_dir() or path.is_dir()):
+    taken: set[Path] = set()
+    for path in filter(None, (csv_file, options.plot, options.animate)):
+        if not path.parent.is_dir() or path.is_dir():
             msg = f"{path}: its folder does not exist, or it is a folder itself"
             raise ValueError(msg)
+        if not os.access(path.parent, os.W_OK):
+            msg = f"{path}: its folder cannot be written to"
+            raise ValueError(msg)
+        if path.resolve() in taken:
+            msg = f"{path}: two of --csv, --plot and --animate go to the same file: give each its own"
+            raise ValueError(msg)
+        taken.add(path.resolve())
 
 
 @contextmanager
@@ -274,7 +311,7 @@ def _one(swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float]
 def _run_case(options: argparse.Namespace) -> None:
     _refuse_with_case(options)
     case = case_files.read_case(options.case)
-    swim = case.swim(step=options.step) if options.step else case.swim()
+    swim = case.swim() if options.step is None else case.swim(step=options.step)
     case_files.summary(swim)  # a held swim that is too short is refused, not shown without its means
     length = 2.0 * case.chain.body.tail_offset or 0.1  # a case knows no axes: an ellipse up to the tail's joint
     _one(swim, options, (length, length / 3.0), case_files.SAMPLES_A_ROW)
@@ -298,20 +335,41 @@ def _sweep_csv(rows: Sequence[Mapping[str, float | None]]) -> str:
     return text.getvalue()
 
 
-def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> None:
+def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> int:
+    """Swim the sweep and put out its rows; a swim that diverges leaves a gap, Ctrl-C ends with the rows so far."""
     plans = sweep_plans(plan, axes)
     rows: list[dict[str, float | None]] = []
+    failures: list[str] = []
+    code = 0
     watched = track(
-        swims(plans),
-        total=len(plans),
+        plans,
         description="swimming",
         console=Console(stderr=True),
         transient=True,
         disable=not sys.stderr.isatty(),
     )
-    for numbers, swim in watched:
-        swept: dict[str, float | None] = {axis.name: number for axis, number in zip(axes, numbers, strict=True)}
-        rows.append({**swept, **{figure.name: figure.of(swim) for figure in FIGURES}})
+    try:
+        for numbers, each in watched:
+            row: dict[str, float | None] = {axis.name: number for axis, number in zip(axes, numbers, strict=True)}
+            try:
+                swim = each.swim()
+                row |= {figure.name: figure.of(swim) for figure in FIGURES}
+            except StepError as error:
+                row |= {figure.name: None for figure in FIGURES}
+                code = _SWIM_FAILED
+                failures.append(f"{', '.join(f'{axis.name} = {row[axis.name]:g}' for axis in axes)}: {error}")
+            rows.append(row)
+    except KeyboardInterrupt:
+        code = _INTERRUPTED
+        failures.append(f"stopped after {len(rows)} of {len(plans)} swims")
+    for failure in failures:
+        print(f"swim: error: {failure}", file=sys.stderr)  # noqa: T201
+    if rows:
+        _put_out_sweep(axes, rows, options)
+    return code
+
+
+def _put_out_sweep(axes: list[Axis], rows: list[dict[str, float | None]], options: argparse.Namespace) -> None:
     if options.csv and options.csv != "-":
         with _output(Path(options.csv)) as file:
             file.write_text(_sweep_csv(rows), encoding="utf-8")
@@ -328,16 +386,24 @@ def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> Non
         _console().print(_table(axes, rows))
 
 
-def _run(options: argparse.Namespace) -> None:
+def _check_tow_speed(plan: Plan, axes: Sequence[Axis], options: argparse.Namespace) -> None:
+    given = options.tow_speed is not None or any(axis.name == "tow_speed" for axis in axes)
+    if given and plan.clamp != "towed":
+        msg = f"tow_speed is that of a towed body, this one is {plan.clamp}: add --clamp towed or leave it out"
+        raise ValueError(msg)
+
+
+def _run(options: argparse.Namespace) -> int:
     _check_outputs(options)
     if options.case:
         _run_case(options)
-        return
+        return 0
     plan, axes = _plan(options), [parse_axis(text) for text in options.sweep]
+    _check_tow_speed(plan, axes, options)
     if options.material:
-        given = getattr(options, "fin.young_modulus") is not None
-        if given or any(axis.name == "fin.young_modulus" for axis in axes):
-            msg = "--material gives fin.young_modulus: leave one of them out"
+        twice = [axis.name for axis in axes if axis.name in _OF_MATERIAL]
+        if twice:
+            msg = f"--material gives {twice[0]}: leave one of them out"
             raise ValueError(msg)
         soft, stiff = material(options.material).fins(plan.fin())
         plan = replace(plan, values={**plan.values, "fin.density": soft.density})
@@ -346,21 +412,23 @@ def _run(options: argparse.Namespace) -> None:
         if options.animate:
             msg = "--animate shows one swim: leave out --sweep and --material, and give fin.young_modulus"
             raise ValueError(msg)
-        _run_sweep(plan, axes, options)
-        return
+        return _run_sweep(plan, axes, options)
     body = (
         PARAMETERS[name].check(plan.values.get(name, PARAMETERS[name].default))
         for name in ("body.length", "body.width")
     )
     length, width = (cast("float", value) for value in body)
     _one(plan.swim(), options, (length, width))
+    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return 0, 2 for bad input, 1 for a swim that diverged."""
+    """Run the command; return 0, 2 for bad input, 1 for a swim that diverged, 130 for Ctrl-C."""
     options = _parser().parse_args(arguments)
     try:
-        _run(options)
+        return _run(options)
+    except KeyboardInterrupt:
+        return _INTERRUPTED
     except BrokenPipeError:  # the reader has seen enough, as `head` has
         sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
         return 0
@@ -370,7 +438,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except StepError as error:
         print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
         return _SWIM_FAILED
-    return 0
 
 
 if __name__ == "__main__":
