@@ -61,7 +61,7 @@ def test_a_robot_is_its_driver_and_an_estimator_of_its_velocity() -> None:
         {"robot_file": "robot.yaml", "command_timeout": 0.4},
     )
     assert (estimator.name, estimator.parameters) == ("velocity_estimator", {"window": 0.5})
-    assert optimizer.parameters == {"trials": 3}
+    assert optimizer.parameters == {"trials": 3, "repeats": 3}
 
 
 def test_a_rehearsal_adds_what_stands_for_the_robot_and_says_so() -> None:
@@ -161,3 +161,21 @@ def test_the_launch_file_starts_the_same_nodes(monkeypatch: pytest.MonkeyPatch) 
         (spec.package, spec.executable, spec.name) for spec in expected
     ]
     assert [node["parameters"] for node in started] == [[dict(spec.parameters)] for spec in expected]
+
+
+def test_a_fin_is_swum_three_times_on_a_robot_and_once_in_the_simulator_unless_asked_otherwise() -> None:
+    def repeats(**given: str) -> object:
+        return graph.nodes(given)[-1].parameters.get("repeats", 1)
+
+    assert [repeats(plant="robot"), repeats(plant="sim"), repeats(plant="robot", repeats="")] == [3, 1, 3]
+    assert [repeats(plant="robot", repeats="1"), repeats(repeats="5")] == [1, 5]
+
+
+def test_each_of_several_fish_gets_a_plant_in_its_namespace_and_all_one_optimiser() -> None:
+    specs = graph.nodes({"plants": "[/tank_a/fish, /tank_b/fish]"})
+    assert [(spec.name, spec.namespace) for spec in specs] == [
+        ("simulator", "/tank_a/fish"),
+        ("simulator", "/tank_b/fish"),
+        ("optimizer", "/fish"),
+    ]
+    assert specs[-1].parameters["plants"] == ["/tank_a/fish", "/tank_b/fish"]

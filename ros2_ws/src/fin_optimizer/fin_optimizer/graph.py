@@ -31,6 +31,8 @@ SIMULATOR = "simulator"
 _PLANT_LIMITS = ParameterTable({n: p for n, p in PLANT_PARAMETERS.items() if n not in FIN_PARAMETERS})
 # A study in the simulator should not take as long as one in a tank.
 _STUDY_DEFAULTS: dict[str, Value] = {"speed": 0.0}
+# The paper swam each fin of its robot three times; a simulated swim repeats to the last digit. Empty asks for this.
+_REPEATS = {"robot": "3"}
 NAMESPACE_PATTERN = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
@@ -115,11 +117,12 @@ def arguments(plant: str = "") -> list[Argument]:
 
 
 def _argument(parameter: Parameter) -> Argument:
-    default = _STUDY_DEFAULTS.get(parameter.name, parameter.default)
+    default = "" if parameter.name == "repeats" else _STUDY_DEFAULTS.get(parameter.name, parameter.default)
     allowed = ", ".join(parameter.choices)
     if not allowed and parameter.kind in {"double", "integer"}:
         allowed = checks.describe_range(parameter.minimum, parameter.maximum, parameter.unit)
     text = f"{parameter.description} {allowed}".strip()
+    text += " Empty: 3 on a robot, else 1." if parameter.name == "repeats" else ""
     return Argument(parameter.name, default if isinstance(default, str) else json.dumps(default), text)
 
 
@@ -145,6 +148,8 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
         msg = f"namespace:={namespace} must be like {NAMESPACE} or /tank_a/fish: a slash, then letters, digits and _"
         raise ValueError(msg)
     values = {name: text for name, text in given.items() if name not in {"plant", "namespace"}}
+    if not values.get("repeats"):
+        values["repeats"] = _REPEATS.get(given.get("plant", "sim"), "1")
     _refuse_unknown(values, (*OPTIMIZER_PARAMETERS, *(name for node in plant for name in node.table)))
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
     fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
