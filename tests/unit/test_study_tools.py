@@ -17,6 +17,7 @@ from fin_optimizer.genetic import GeneticAlgorithm
 from fin_optimizer.journal import StudyError
 from fin_optimizer.search import Dimension, HillClimber, Space
 from fin_optimizer.study import Objective, Policy, Settings, Study, front, read_trials
+from fin_optimizer.throughput import throughput
 from fin_optimizer.trial import Outcome, Result
 
 if TYPE_CHECKING:
@@ -203,3 +204,18 @@ def test_what_is_no_study_is_said_so(
 ) -> None:
     assert tool([str(tmp_path)]) == 2
     assert f"{tmp_path} holds no study" in capsys.readouterr().err
+
+
+def test_the_journal_tells_how_fast_a_study_went(tmp_path: Path) -> None:
+    details = {"measurement.settle": 0.5, "measurement.duration": 9.5}
+    with Study.create(tmp_path / "study", Settings(SPACE, Policy(), details)) as study:
+        with pytest.raises(StudyError, match="no trial of"):
+            throughput(tmp_path / "study")
+        swim(study, SEARCHES["hill climber"](), 4)
+        first, last = study.trials[0].started, study.trials[-1].ended
+    assert first is not None
+    assert last is not None
+    found = throughput(tmp_path / "study")
+    assert (found.trials, found.swum) == (4, 40.0)
+    assert found.seconds == pytest.approx((last - first).total_seconds())
+    assert found.real_time_factor == pytest.approx(10.0 * found.trials_a_second)
