@@ -71,9 +71,7 @@ def describe(
         level, text = WARN, health.fault
     if not health.connected:
         level, text = ERROR, health.reason
-    p99, largest = 0.0, 0.0
-    if latenesses:
-        p99, largest = float(np.percentile(latenesses, 99.0)), max(latenesses)
+    p50, p99, largest = np.percentile(latenesses or [0.0], [50.0, 99.0, 100.0])
     values: dict[str, object] = {
         "connected": health.connected,
         "identity": health.identity,
@@ -85,8 +83,9 @@ def describe(
         "dropped_set_points": health.dropped,
         "limited_set_points": health.limited,
         "command_timeouts": health.timeouts,
-        "lateness_p99_ms": round(p99 * _MILLISECONDS, 3),
-        "lateness_max_ms": round(largest * _MILLISECONDS, 3),
+        "lateness_p50_ms": round(float(p50) * _MILLISECONDS, 3),
+        "lateness_p99_ms": round(float(p99) * _MILLISECONDS, 3),
+        "lateness_max_ms": round(float(largest) * _MILLISECONDS, 3),
         "voltage": "not reported" if health.voltage is None else health.voltage,
         "temperature": "not reported" if health.temperature is None else health.temperature,
         "fault": health.fault,

@@ -1,0 +1,105 @@
+"""The rehearsal: the optimiser against a hidden fish through the real serial path, with every device."""
+
+from __future__ import annotations
+
+import csv
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from fin_plant import topics
+from fin_plant.fin import Fin
+from fin_plant.gait import PAPER_GAIT
+from fin_plant.messages import gait_message, nanoseconds_of
+from fin_plant.plant_state import State
+from fin_servo_driver.emulator.hidden_fish import SAMPLE_TIME, Deviation, HiddenFish, Servo
+from support.robot_client import RobotClient
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from support.processes import StartedProcess
+
+pytestmark = pytest.mark.graph
+
+
+@pytest.mark.timeout(180)
+def test_the_optimiser_works_against_the_hidden_fish_as_against_a_robot(
+    start: Callable[..., StartedProcess], tmp_path: Path
+) -> None:
+    study = tmp_path / "study"
+    words = ("plant:=rehearsal", "trials:=2", "measurement.duration:=3.0", f"study_folder:={study}")
+    bringup = start("fin_optimizer", "bringup", *words)
+    assert bringup.wait(150.0) == 0, bringup.tail()
+    with (study / "trials.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2
+    assert {row["outcome"] for row in rows} == {"OK"} if "outcome" in rows[0] else True
+    assert len(list((study / "bags").iterdir())) == 2
+
+
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize("device", ["dynamixel", "modbus"])
+def test_other_devices_swim_too_and_faults_are_survived(
+    start: Callable[..., StartedProcess], ros_domain: int, device: str
+) -> None:
+    start("fin_servo_driver", "rehearsal", "--ros-args", "-p", f"robot_file:={device}")
+    start("fin_servo_driver", "servo_driver", "--ros-args", "-p", "plant:=rehearsal")
+    start("fin_servo_driver", "velocity_estimator")
+    with RobotClient(ros_domain) as client:
+        client.wait_for_state(State.READY)
+        client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+        begin = client.wait_for_state(State.SWIMMING).stamp
+        client.wait_until(
+            lambda: nanoseconds_of(client.received(topics.VELOCITY)[-1].header.stamp) > begin + 4e9, "4 s of swimming"
+        )
+        assert np.mean([m.twist.linear.x for m in client.received(topics.VELOCITY)[-50:]]) > 0.01
+        kinds = {m.header.frame_id for m in client.received(topics.JOINT_STATES)}
+        assert ("measured" in kinds) is (device == "dynamixel")
+        client._plant = "rehearsal"
+        assert client.set_parameters({"fault.unplugged": True}).successful
+        client.wait_for_state(State.FAULT)
+        assert client.set_parameters({"fault.unplugged": False}).successful
+        client.wait_for_state(State.SWIMMING, timeout=6.0)  # the gait is still repeated: a fresh one has come
+        client._plant = "servo_driver"
+
+
+# -- the hidden fish itself ------------------------------------------------------------------------------------------
+
+
+def test_servos_lag_without_overshoot_and_arrive() -> None:
+    servo = Servo(1, 0.03)
+    times = np.linspace(0.0, 0.5, 501)
+    motion = servo.motion([0.2], times)[:, 0]
+    assert motion[0] == pytest.approx([0.0, 0.0, 0.2 / 0.03**2])
+    assert np.all(np.diff(motion[:, 0]) >= 0.0)
+    assert motion[-1, 0] == pytest.approx(0.2, abs=1e-6)
+    assert np.gradient(motion[:, 0], times)[5:-5] == pytest.approx(motion[5:-5, 1], abs=0.02)
+    assert np.gradient(motion[:, 1], times)[5:-5] == pytest.approx(motion[5:-5, 2], abs=2.0)
+
+
+def test_a_servo_without_force_stays_where_it_is() -> None:
+    servo = Servo(1, 0.03)
+    servo.motion([0.2], np.linspace(0.0, 1.0, 11))
+    motion = servo.motion([None], np.linspace(0.0, 1.0, 11))
+    assert motion[-1, 0, 0] == pytest.approx(0.2, abs=1e-6)
+
+
+def swim(deviation: Deviation, seconds: float = 6.0) -> float:
+    fish = HiddenFish(Fin(), 1, deviation)
+    x = 0.0
+    for number in range(round(seconds / SAMPLE_TIME)):
+        target = math.radians(15.0) * math.sin(2.0 * math.pi * 0.9 * number * SAMPLE_TIME)
+        x, _, _ = fish.advance([target])
+    return x / seconds
+
+
+def test_the_hidden_fish_swims_but_not_as_the_simulators() -> None:
+    known = swim(Deviation(1.0, 1.0, 1.0, 0.001))
+    hidden = swim(Deviation())
+    assert known > 0.01
+    assert hidden > 0.01
+    assert abs(hidden / known - 1.0) > 0.02
