@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 
 import pytest
 
+import fin_sim
 from fin_plant.fin import Fin
 from fin_sim.materials import material, materials
 from fin_sim.swim import swim
@@ -27,6 +30,14 @@ def test_material_states_its_ranges_with_their_sources(key: str) -> None:
         assert "No modulus" in entry.modulus_source
     else:
         assert 5e5 < entry.young_modulus[0] < entry.young_modulus[1] < 1e10
+
+
+@pytest.mark.parametrize("key", WANTED)
+def test_source_is_one_that_the_file_names_or_says_that_there_is_none(key: str) -> None:
+    text = (Path(fin_sim.__file__).parent / "materials.yaml").read_text(encoding="utf-8")
+    named = set(re.findall(r"^#   (\w+)  ", text, re.MULTILINE)) | {"greensutra", "No"}
+    for source in (material(key).modulus_source, material(key).density_source):
+        assert re.match(r"\w+", source)[0] in named, source  # type: ignore[index]
 
 
 @pytest.mark.parametrize("key", [key for key in WANTED if material(key).young_modulus])

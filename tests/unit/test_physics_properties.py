@@ -187,6 +187,15 @@ def test_no_energy_comes_from_nowhere(fin: Fin, frequency: float) -> None:
     assert np.abs(miss).max() < 0.02 * turnover
 
 
+def test_energy_under_tow_balances_over_whole_beats_and_the_tip_form_is_refused() -> None:
+    result = swim(Fin(), duration=20.0, clamp="towed", tow_speed=0.05)
+    budget = energy_budget(result)
+    miss = result.beat_mean(budget.supplied) - result.beat_mean(budget.lost)
+    assert abs(miss) < 1e-4 * result.mean_servo_power
+    with pytest.raises(ValueError, match=r"reactive = 'tip'.*distributed"):
+        energy_budget(swim(Fin(), duration=1.0, reactive="tip"))
+
+
 @settings(_QUICK, max_examples=80)
 @given(fins(), st.sampled_from(["distributed", "tip"]), st.sampled_from(["free", "fixed", "towed"]))
 def test_every_accepted_fin_swims_with_finite_results(fin: Fin, reactive: str, clamp: str) -> None:

@@ -90,7 +90,7 @@ class Chain:
         tow_speed: m/s, for ``towed``.
 
     Raises:
-        ValueError: No link, too many, no driven joint, a passive joint whose link has no inertia, unknown names.
+        ValueError: No link, too many, no driven joint, unknown names.
     """
 
     body: Body

@@ -429,7 +429,7 @@ class StepError(ArithmeticError):
     """A swim whose state stopped being finite: says when, and what may help."""
 
     def __init__(self, time: float) -> None:
-        """Note the time in s."""
+        """Note the time in s since the sample that `Stepper.advance` started from."""
         super().__init__(
             f"the state stopped being finite after {time:.3f} s: "
             "the step is too long for this fin and gait; use a shorter step or a slower gait"
@@ -494,7 +494,7 @@ class Stepper:
             (samples + 1, ``RECORD_HEAD`` + N), see `evaluate`.
 
         Raises:
-            StepError: The state stopped being finite.
+            StepError: The state stopped being finite; its time is since the first of these samples.
         """
         links = len(self._links)
         samples = (len(motion) - 1) // (2 * self.every)

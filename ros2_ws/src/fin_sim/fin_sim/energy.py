@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fin_plant import checks
 from fin_sim import chain as tables
 
 if TYPE_CHECKING:
@@ -23,13 +24,14 @@ _GAUSS_POINTS = 12
 class EnergyBudget:
     """Energies and powers of a swim over its samples; every array has shape (S,).
 
-    In the energy-consistent (``distributed``) form: d(stored)/dt = servo + tow - wake - resistive - dampers - drag -
-    yaw_damping. Lift does no work.
+    d(stored)/dt = servo + tow - wake - resistive - dampers - drag - yaw_damping. Lift does no work. At any time of a
+    free or fixed body; under tow of the means over whole beats of a periodic swim only, since `tow` leaves out what
+    the water and the tail's own mass take up and give back within a beat.
 
     Attributes:
         stored: Kinetic energy of body, tail and the water they carry, and of the hinges' springs, J.
         servo: Power of the servos, W.
-        tow: Power of what tows the body, W; of a free or fixed one 0.
+        tow: Power of what tows the body against the convective and resistive force, W; of a free or fixed one 0.
         wake: 1/2 m w^2 (v.e) at the trailing edge, energy left in the wake, W (Lighthill 1971, eq. 5).
         resistive: Loss to the resistive force, W.
         dampers: Loss in the hinges' dampers, W.
@@ -58,7 +60,12 @@ class EnergyBudget:
 
 
 def energy_budget(swim: Swim) -> EnergyBudget:
-    """Return the energies and powers of a swim."""
+    """Return the energies and powers of a swim.
+
+    Raises:
+        ValueError: The force acts at the tip, which does not conserve energy.
+    """
+    checks.choice("reactive", swim.chain.reactive, ("distributed",))
     chain, table = swim.chain, swim.chain.link_table()
     body = chain.body_vector()
     surge, sway, yaw = swim.surge, swim.sway, swim.yaw_rate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, cast
 
-from builtin_interfaces.msg import Time  # noqa: TC002
+from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Pose
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 _BODY_COLOUR = ColorRGBA(r=0.16, g=0.35, b=0.54, a=1.0)
 _SERVO_COLOUR = ColorRGBA(r=0.35, g=0.35, b=0.38, a=1.0)
 _FIN_COLOUR = ColorRGBA(r=0.93, g=0.55, b=0.14, a=1.0)
+# They are published ten times a second: a link that is gone, of a longer fin before, vanishes.
+_LIFETIME = Duration(sec=1)
 # Thinner sheets would not be seen.
 _LEAST_THICKNESS = 0.002
 
@@ -38,6 +40,7 @@ def _pose(x: float, y: float, heading: float) -> Pose:
 
 def _marker(number: int, shape: int, pose: Pose, size: tuple[float, ...], colour: ColorRGBA) -> Marker:
     marker = Marker(ns="fish", id=number, type=shape, action=Marker.ADD, pose=pose, color=colour)
+    marker.lifetime = _LIFETIME
     marker.header.frame_id = TANK_FRAME
     marker.scale.x, marker.scale.y, marker.scale.z = size
     return marker
