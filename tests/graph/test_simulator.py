@@ -119,7 +119,11 @@ def test_a_modulus_is_taken_as_people_type_it(start: Callable[..., Any], client:
     for typed in (2_000_000_000, "2.1e9"):  # what `ros2 param set` makes of 2000000000 and of 2.1e9
         assert client.set_parameters({"fin.young_modulus": typed}).successful
         assert client.get_parameter("fin.young_modulus") == float(typed)
-    assert not client.set_parameters({"fin.young_modulus": "stiff"}).successful
+    assert client.set_parameters({"fin.segments": 4.0}).successful
+    assert client.get_parameter("fin.segments") == 4
+    refused = client.set_parameters({"fin.young_modulus": "stiff"})
+    assert not refused.successful
+    assert "fin.young_modulus must be a number, got 'stiff'" in refused.reason
 
 
 def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: PlantClient) -> None:
@@ -144,6 +148,13 @@ def test_a_bad_start_value_ends_the_process_with_2_and_says_why(
     process = start_simulator(start, parameter)
     assert process.wait(timeout=20) == 2
     assert parameter.split(":=", maxsplit=1)[0] in process.output()
+
+
+@pytest.mark.parametrize(("argument", "code"), [("--help", 0), ("--bogus", 2)])
+def test_an_argument_that_is_none_starts_no_node(start: Callable[..., Any], argument: str, code: int) -> None:
+    process = start("fin_sim", "simulator", argument)
+    assert process.wait(timeout=20) == code
+    assert "--ros-args -p PARAMETER:=VALUE" in process.output()
 
 
 def test_a_gait_that_is_refused_moves_nothing_and_does_not_feed_the_watchdog(
@@ -188,11 +199,12 @@ def test_a_state_that_is_not_finite_is_a_fault_with_its_reason_and_reset_clears_
     start: Callable[..., Any], client: PlantClient
 ) -> None:
     # A body without weight to speak of, a huge fin, a fast wide gait and a long step: beyond any integration.
-    start_simulator(start, *WILD_FISH)
+    process = start_simulator(start, *WILD_FISH)
     client.wait_for_state(State.READY)
     client.publish_gait(gait_message([[1.5, 20.0, 0.0, 0.0]]), repeat=True)
     state = client.wait_for_state(State.FAULT)
     assert "stopped being finite" in state.reason
+    assert "step shortened" in process.output()
     assert plant_state_from_message(client.received(topics.PLANT_STATE)[-1]).state is State.FAULT
     client.publish_gait(None)
     assert client.reset().success

@@ -75,3 +75,14 @@ def test_each_kind_takes_its_own_values_and_refuses_others(kind: str, good: obje
 def test_a_group_holds_the_names_under_its_prefix_only() -> None:
     table = ParameterTable({name: Parameter(name, "double", 0.0, "x") for name in ("a.b", "a.c", "ab.c")})
     assert list(table.group("a")) == ["a.b", "a.c"]
+
+
+def test_a_whole_number_keeps_every_digit() -> None:
+    assert checks.whole_number("seed", 2**53 + 1) == 2**53 + 1
+    with pytest.raises(ValueError, match="seed"):
+        checks.whole_number("seed", 2**63, 0, 2**63 - 1)
+
+
+def test_a_number_too_long_for_a_float_is_refused_as_too_large() -> None:
+    with pytest.raises(ValueError, match=r"x = inf s is outside the allowed range \[0, 10\] s"):
+        checks.number("x", 10**400, 0.0, 10.0, unit="s")

@@ -81,6 +81,18 @@ def test_a_repeated_gait_changes_nothing() -> None:
     assert np.array_equal(follower.motion(t), once.motion(t))
 
 
+def test_another_ramp_time_counts_from_the_next_change_on_and_moves_nothing() -> None:
+    follower, same = GaitFollower(1, RAMP), GaitFollower(1, RAMP)
+    for tail in (follower, same):
+        tail.command(PAPER_GAIT, 0.0)
+    follower.set_ramp_time(2.0)
+    t = np.linspace(0.2, 5.0, 50)
+    assert np.array_equal(follower.motion(t), same.motion(t))
+    follower.stop(5.0)
+    assert follower.motion([6.9])[0, 0, 0] != 0.0
+    assert follower.motion([7.0])[0, 0, 0] == 0.0
+
+
 def test_after_stop_the_tail_rests_at_neutral() -> None:
     follower = GaitFollower(2, RAMP)
     follower.command(Gait((JointDrive(0.2, 1.0, 0.3, 0.1), JointDrive(0.1, 2.0))), 0.0)

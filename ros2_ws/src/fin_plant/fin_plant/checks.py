@@ -53,6 +53,8 @@ def number(
     except (TypeError, ValueError):
         msg = f"{name} must be a number, got {value!r}: allowed is {allowed}{hint}"
         raise ValueError(msg) from None
+    except OverflowError:  # a whole number of more than 308 digits
+        result = math.inf
     too_low = result <= minimum if exclusive_minimum else result < minimum
     if not math.isfinite(result) or too_low or result > maximum:
         shown = f"{result:.6g}{' ' + unit if unit else ''}"
@@ -68,6 +70,11 @@ def whole_number(name: str, value: object, minimum: int = 0, maximum: int | None
         ValueError: The value is not whole or outside the range.
     """
     upper = math.inf if maximum is None else float(maximum)
+    if isinstance(value, int) and not isinstance(value, bool):  # above 2^53 a float would be another number
+        if minimum <= value and (maximum is None or value <= maximum):
+            return value
+        msg = f"{name} = {value} is outside the allowed range {describe_range(float(minimum), upper)}"
+        raise ValueError(f"{msg}; {advice}" if advice else msg)
     as_float = number(name, value, float(minimum), upper, advice=advice)  # type: ignore[arg-type]
     if as_float != int(as_float):
         msg = f"{name} = {as_float:g} must be a whole number in {describe_range(float(minimum), upper)}"

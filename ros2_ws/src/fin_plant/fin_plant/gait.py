@@ -269,9 +269,17 @@ class GaitFollower:
             joints: Number of driven joints.
             ramp_time: Duration of a change in s; 0 changes at once, with a jump.
         """
-        self._ramp_time = checks.number("ramp_time", ramp_time, 0.0, unit="s")
+        self.set_ramp_time(ramp_time)
         neutral = np.zeros((checks.whole_number("driven joints", joints, 1, MAXIMUM_JOINTS), 4))
         self._transitions = [_Transition(-math.inf, 0.0, neutral, neutral, np.zeros(joints))]
+
+    def set_ramp_time(self, ramp_time: float) -> None:
+        """Take ``ramp_time`` s for every change from the next one on; a ramp under way ends as it began.
+
+        Raises:
+            ValueError: A time below 0 or not finite.
+        """
+        self._ramp_time = checks.number("ramp_time", ramp_time, 0.0, unit="s")
 
     @property
     def joints(self) -> int:

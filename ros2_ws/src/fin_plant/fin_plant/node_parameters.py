@@ -24,9 +24,25 @@ _TYPES = {
     "double_array": RosParameter.Type.DOUBLE_ARRAY,
     "string_array": RosParameter.Type.STRING_ARRAY,
 }
-_NUMBER_LIKE = (RosParameter.Type.INTEGER, RosParameter.Type.STRING)
+_NUMBERS = {"double": float, "integer": int}
 # Declared by rclpy itself on every node.
 _OWN_BY_RCLPY = ("use_sim_time", "qos_overrides.", "start_type_description_service")
+
+
+def as_typed(kind: str, value: object) -> object:
+    """Return a number in its parameter's type, as far as that is what it says.
+
+    `ros2 param set` sends 2000000000 as an integer and 2.0e9, which YAML 1.1 takes for a text, as a text.
+    """
+    if kind not in _NUMBERS or isinstance(value, bool) or not isinstance(value, int | float | str):
+        return value
+    try:
+        number = float(value)
+    except ValueError:
+        return value
+    if kind == "double":
+        return number
+    return int(number) if not isinstance(value, int) and number.is_integer() else value
 
 
 def descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -35,8 +51,8 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
         description=f"{parameter.description} [{parameter.unit or '-'}]",
         additional_constraints=", ".join(parameter.choices) or parameter.reason,
         read_only=parameter.read_only,
-        # rclpy takes an empty array for one of bytes and would refuse doubles ever after; the table checks the type.
-        dynamic_typing=parameter.kind.endswith("_array"),
+        # The table checks the type: rclpy's refusal names no parameter, and it takes an empty array for bytes.
+        dynamic_typing=True,
     )
     bounded = parameter.minimum > -float("inf") and parameter.maximum < float("inf")
     if bounded and parameter.kind == "double":
@@ -82,8 +98,12 @@ class NodeParameters:
         self._validate = validate
         self._on_change = on_change
         overrides = {name: parameter.value for name, parameter in node._parameter_overrides.items()}  # noqa: SLF001
-        known = {name: value for name, value in overrides.items() if not name.startswith(_OWN_BY_RCLPY)}
-        self._values = table.checked(known)
+        given = {
+            name: as_typed(table.require(name).kind, value)
+            for name, value in overrides.items()
+            if not name.startswith(_OWN_BY_RCLPY)
+        }
+        self._values = table.checked(given)
         validate(self._values)
         for name, value in self._values.items():
             entry = RosParameter(name, _TYPES[table[name].kind], value)
@@ -98,17 +118,15 @@ class NodeParameters:
         return dict(self._values)
 
     def _convert(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Take what people type for a double: `ros2 param set` sends 2000000000 as an integer and 2.0e9 as a text."""
-        return [self._as_double(parameter) for parameter in parameters]
+        """Store each number in its parameter's own type, however it was typed."""
+        return [self._converted(p) if p.name in self._table and p.value is not None else p for p in parameters]
 
-    def _as_double(self, parameter: RosParameter) -> RosParameter:
-        known = self._table.get(parameter.name)
-        if known is None or known.kind != "double" or parameter.type_ not in _NUMBER_LIKE:
+    def _converted(self, parameter: RosParameter) -> RosParameter:
+        kind = self._table[parameter.name].kind
+        value = as_typed(kind, parameter.value)
+        if kind not in _NUMBERS or not isinstance(value, _NUMBERS[kind]) or isinstance(value, bool):
             return parameter
-        try:
-            return RosParameter(parameter.name, RosParameter.Type.DOUBLE, float(parameter.value))
-        except ValueError:
-            return parameter
+        return RosParameter(parameter.name, _TYPES[kind], value)
 
     def _merged(self, parameters: list[RosParameter]) -> dict[str, Value]:
         changes = {p.name: p.value for p in parameters if not p.name.startswith(_OWN_BY_RCLPY)}

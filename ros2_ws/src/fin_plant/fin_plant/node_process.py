@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -12,6 +13,7 @@ import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,6 +65,14 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
         The node's own exit code, 128 + signal after SIGINT (130) or SIGTERM (143), 2 for a start value that is
         refused (its message goes to stderr).
     """
+    program, *words = remove_ros_args(sys.argv if args is None else ["node", *args])
+    if words:
+        usage = (
+            f"usage: {Path(program).name} [--ros-args -p PARAMETER:=VALUE ...]; parameters stand in docs/parameters.md"
+        )
+        asked = {"-h", "--help"} & set(words)
+        print(usage if asked else f"error: {words[0]!r} is no argument of a node\n{usage}", file=sys.stderr)  # noqa: T201
+        return EXIT_OK if asked else EXIT_USAGE
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(FAST_DDS_PROFILE))
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     stop = _Stop()
@@ -80,6 +90,9 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
             executor.spin_once(timeout_sec=min(runnable.step(), _SPIN_SECONDS))
             code = runnable.finished()
     except ExternalShutdownException:
+        code = EXIT_FAILURE
+    except Exception:  # noqa: BLE001  (a defect; left to the interpreter's end, the middleware would hang there)
+        traceback.print_exc()
         code = EXIT_FAILURE
     finally:
         runnable.close()

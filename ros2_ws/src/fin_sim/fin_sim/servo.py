@@ -164,6 +164,15 @@ class TailDrive:
         self.servo = servo
         self._state = np.zeros((3, follower.joints))
 
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """Where the servos are, shape (3, joints); set it to go back to where they were."""
+        return self._state.copy()
+
+    @state.setter
+    def state(self, state: NDArray[np.float64]) -> None:
+        self._state[:] = state
+
     def motion(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the joints' motion and move on to the end of ``times``.
 

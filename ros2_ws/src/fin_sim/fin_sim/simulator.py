@@ -49,6 +49,8 @@ PARAMETERS = ParameterTable({**PLANT_PARAMETERS, **SIMULATOR_PARAMETERS})
 _SLICE = 25
 # More than this behind real time is given up, so that a machine that was asleep does not race to catch up.
 _LARGEST_LAG = 0.25
+# Each one quarters the step.
+_MOST_REFINEMENTS = 2
 _MARKERS_PER_SECOND = 10.0
 _CLOCK_PER_SECOND = 100.0
 # Samples that may be on their way to the slowest listener; the publishers' queues hold twice as many.
@@ -219,6 +221,7 @@ class Simulator:
     def _rest(self) -> None:
         """Put the fish at rest at the origin."""
         self._fish_state = self._stepper.start()
+        self._stepper, self._refinements = self._build(self._values), 0
         self._neutral()
         self._samples = 0
         self._at_rest = True
@@ -246,16 +249,16 @@ class Simulator:
         self._state_topic.publish(message)
 
     def _parameters_changed(self, values: Mapping[str, Value]) -> None:
-        before, self._values = self._values, dict(values)
+        self._values = dict(values)
         body = self._fish_state[: dynamics.BODY_STATES].copy()
-        self._stepper = self._build(values)
+        self._stepper, self._refinements = self._build(values), 0
         if len(self._fish_state) != len(self._stepper.start()):
             self._fish_state = self._stepper.start()  # another number of hinges: they start straight
             self._fish_state[: dynamics.BODY_STATES] = body
             self._build_templates()
-        joints_changed = sum(self._stepper.chain.driven) != self._follower.joints
-        if joints_changed or values["drive.ramp_time"] != before["drive.ramp_time"]:
+        if sum(self._stepper.chain.driven) != self._follower.joints:
             self._neutral()
+        self._follower.set_ramp_time(self._number("drive.ramp_time"))
         self._tail.servo = Servo.from_parameters(values)
         self._set_state(self._state, self._reason)
 
@@ -318,14 +321,13 @@ class Simulator:
         return time.monotonic() - self._last_gait > timeout
 
     def _advance(self, samples: int) -> None:
-        times = self._stepper.half_step_times(samples, self._samples)
         stamps = self._stamp + np.round(self._sample_time * NANOSECONDS * np.arange(1, samples + 1)).astype(np.int64)
         if self._state is State.FAULT:
             self._stamp = int(stamps[-1])
             self._publish_clock()
             return
         try:
-            states, records = self._stepper.advance(self._fish_state, self._tail.motion(times))
+            states, records = self._swim(samples)
         except dynamics.StepError as error:
             self._rest()
             self._set_state(State.FAULT, f"{error}; call reset")
@@ -334,6 +336,26 @@ class Simulator:
         self._samples += 0 if self._at_rest else samples
         self._stamp = int(stamps[-1])
         self._publish(stamps, states[1:], records[1:])
+
+    def _swim(self, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Advance the fish by so many samples, with a shorter step from now on if the present one fails.
+
+        Raises:
+            StepError: The shortest one failed too.
+        """
+        start, servos = self._fish_state.copy(), self._tail.state
+        while True:
+            try:
+                times = self._stepper.half_step_times(samples, self._samples)
+                return self._stepper.advance(self._fish_state, self._tail.motion(times))
+            except dynamics.StepError as error:
+                if self._refinements == _MOST_REFINEMENTS:
+                    raise dynamics.StepError(self._fish_time + error.time) from error
+            self._refinements += 1
+            self._fish_state[:], self._tail.state = start, servos
+            every = 4 * self._stepper.every
+            self._stepper = dynamics.Stepper(self._stepper.chain, self._sample_time / every, every)
+            self.node.get_logger().info(f"step shortened to {self._stepper.step:g} s: this fin needs it")
 
     def _publish_start(self) -> None:
         """Publish the sample with which the swim begins, stamped as its state: the first of what is measured."""
