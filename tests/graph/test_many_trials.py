@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 SWIM = 0.2
 """s; the shortest swim with enough samples for a score."""
 # What the ledger keeps of a trial: its record, Optuna's, and the history's.
-KILOBYTES_A_TRIAL = 20.0
+KILOBYTES_A_TRIAL = 10.0
+WARM_UP = 10_000.0
+"""kB that Python's heap may still grow by in the first trials, for messages of all sizes."""
 
 
 def resident(process: StartedProcess) -> float:
@@ -60,8 +62,8 @@ def many(start: Start, folder: Path, trials: int, patience: float) -> None:
     )
     assert [trial.outcome for trial in swum] == [Outcome.OK] * trials
     assert len(list(folder.glob("bags/*/metadata.yaml"))) == trials
-    assert growth[0] < KILOBYTES_A_TRIAL
-    assert growth[1] < KILOBYTES_A_TRIAL
+    allowed = KILOBYTES_A_TRIAL + WARM_UP / (trials - trials // 3)
+    assert max(growth) < allowed
     assert all(b[1] <= a[1] + 2 for a, b in zip(before, after, strict=True))
 
 
