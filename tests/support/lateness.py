@@ -1,4 +1,6 @@
-"""Lateness and CPU of the driver in a rehearsed study: python tests/support/lateness.py [DEVICE [SECONDS]].
+"""Lateness and CPU of the driver in a rehearsed study.
+
+    . scripts/environment.sh; python tests/support/lateness.py [DEVICE [SECONDS]]
 
 The optimiser and its recorder run beside it, as at the tank; so does the emulated robot, which a real one would not.
 """

@@ -196,11 +196,11 @@ def test_a_command_can_be_forgotten() -> None:
 
 @pytest.mark.parametrize("value", NOT_FINITE)
 def test_a_time_that_is_not_finite_counts_as_no_command(value: float) -> None:
-    watchdog = CommandWatchdog()
-    watchdog.feed(10.0)
-    watchdog.feed(value)
-    assert watchdog.expired(10.0, 0.5)
-    assert watchdog.expired(10.0, None)
+    for now, timeout in ((10.0, 0.5), (0.1, 0.5), (10.0, None)):
+        watchdog = CommandWatchdog()
+        watchdog.feed(10.0)
+        watchdog.feed(value)
+        assert watchdog.expired(now, timeout)
 
 
 def test_nan_anywhere_counts_as_expired() -> None:
