@@ -30,7 +30,7 @@ SAMPLE_TIME = 1e-2
 _SAMPLES_A_BEAT = 40
 SHORTEST, LONGEST = 1e-6, 1e5
 """Range of a swim's duration, s."""
-# Steps times links: what a swim holds in memory grows with it, to 1 GB or so.
+# Steps times links: what a swim holds in memory grows with it, to 2 GB.
 _LARGEST_SWIM = 10_000_000
 # A fin that flutters or whips may need a shorter step than was asked for: a quarter, then a sixteenth of it.
 _SHORTER_STEPS = 2
