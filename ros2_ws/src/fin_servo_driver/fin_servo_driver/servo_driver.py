@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from enum import Enum
@@ -55,6 +56,7 @@ _DISARM_SECONDS = 2.0
 # The I/O thread takes a command within a tick; after this it is known that it did not.
 _TAKE_SECONDS = 0.3
 _ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
+_NICE = -10
 _EMERGENCY = "the emergency stop is latched: release it with ~/estop false"
 
 
@@ -533,8 +535,20 @@ def _as_text(value: Value) -> str:
     return value if isinstance(value, str) else repr(value)
 
 
+def _ask_for_priority() -> None:
+    """Put this process before others where the user may: root, or a `nice` limit in /etc/security/limits.conf.
+
+    All its threads, because the one that speaks to the device waits for Python's lock while another one holds it.
+    """
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, _NICE)
+    except PermissionError:
+        return
+
+
 def main(args: list[str] | None = None) -> int:
     """Run the servo driver node."""
+    _ask_for_priority()
     return node_process.run(ServoDriver, args)
 
 
