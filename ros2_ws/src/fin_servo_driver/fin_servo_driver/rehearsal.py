@@ -33,6 +33,7 @@ from fin_servo_driver import robot_file
 from fin_servo_driver.emulator.emulate import device_for, targets
 from fin_servo_driver.emulator.hidden_fish import SAMPLE_TIME, Camera, Deviation, HiddenFish
 from fin_servo_driver.emulator.pty_port import PtyPort
+from fin_servo_driver.wall_clock import stamp_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -214,7 +215,7 @@ class Rehearsal:
         x, y, heading = seen
         message = PoseStamped()
         message.header.frame_id = topics.TANK_FRAME
-        message.header.stamp = time_message(time.time_ns() - round((time.monotonic() - at) * 1e9))
+        message.header.stamp = time_message(stamp_of(at))
         message.pose.position.x, message.pose.position.y = x, y
         message.pose.orientation.z, message.pose.orientation.w = math.sin(heading / 2.0), math.cos(heading / 2.0)
         self._seen.append((at + self._latency, message))

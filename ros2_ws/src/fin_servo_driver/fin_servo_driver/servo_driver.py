@@ -37,6 +37,7 @@ from fin_servo_driver.port import SerialLine, name_warning
 from fin_servo_driver.relay import RelayMotion
 from fin_servo_driver.set_points import ServoMotion
 from fin_servo_driver.tail import Command, Phase, Settings
+from fin_servo_driver.wall_clock import stamp_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -351,7 +352,7 @@ class ServoDriver:
     # -- callbacks ---------------------------------------------------------------------------------------------------
 
     def _on_gait(self, message: Float64MultiArray) -> None:
-        now, stamp = time.monotonic(), time.time_ns()
+        now = time.monotonic()
         try:
             gait = self._accepted(gait_from_message(message))
         except (ValueError, DeviceError) as error:
@@ -364,7 +365,7 @@ class ServoDriver:
         self._need_io().mailbox.put(command)
         self._sent = command
         if gait.moves and self._swimming_since is None:
-            self._swimming_since = stamp
+            self._swimming_since = stamp_of(now)
         elif not gait.moves:
             self._swimming_since = None
         self._stop_reason = ""
@@ -473,7 +474,7 @@ class ServoDriver:
     def _publish_joint_states(self, io: IoThread) -> None:
         if not io.samples:
             return
-        offset = time.time_ns() - time.monotonic_ns()
+        offset = stamp_of(0.0)
         names = [f"tail_joint_{number + 1}" for number in range(len(io.samples[0].angles))]
         while io.samples:
             sample = io.samples.popleft()
