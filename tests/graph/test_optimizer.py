@@ -315,7 +315,7 @@ def command_of(pid: str) -> str:
 
 @pytest.mark.parametrize(
     ("argument", "message"),
-    [("trial:=3", "did you mean trials"), ("plant:=robot", "is not part of this version"), ("30", "name:=value")],
+    [("trial:=3", "did you mean trials"), ("plant:=boat", "plant:=boat is not known"), ("30", "name:=value")],
 )
 def test_bring_up_refuses_what_it_does_not_know_and_starts_nothing(start: Start, argument: str, message: str) -> None:
     study = start("fin_optimizer", "bringup", argument)

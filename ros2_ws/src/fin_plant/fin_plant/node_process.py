@@ -58,21 +58,30 @@ class _Stop:
         self.signal = self.signal or number
 
 
+def _refuse_words(program: str, *words: str) -> int | None:
+    """Say how a node is started if its command line has words that are not for ROS; return the exit code then."""
+    if not words:
+        return None
+    usage = f"usage: {Path(program).name} [--ros-args -p PARAMETER:=VALUE ...]; parameters stand in docs/parameters.md"
+    asked = {"-h", "--help"} & set(words)
+    print(usage if asked else f"error: {words[0]!r} is no argument of a node\n{usage}", file=sys.stderr)  # noqa: T201
+    return EXIT_OK if asked else EXIT_USAGE
+
+
 def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
     """Run a node until it has finished or a signal asks it to stop.
+
+    Args:
+        make: Makes the node; a ValueError is a start value that is refused.
+        args: The command line, its program first, for a command that reads words of its own; where it is None the
+            process' own command line is taken, and words that are not for ROS are refused.
 
     Returns:
         The node's own exit code, 128 + signal after SIGINT (130) or SIGTERM (143), 2 for a start value that is
         refused (its message goes to stderr).
     """
-    program, *words = remove_ros_args(sys.argv if args is None else ["node", *args])
-    if words:
-        usage = (
-            f"usage: {Path(program).name} [--ros-args -p PARAMETER:=VALUE ...]; parameters stand in docs/parameters.md"
-        )
-        asked = {"-h", "--help"} & set(words)
-        print(usage if asked else f"error: {words[0]!r} is no argument of a node\n{usage}", file=sys.stderr)  # noqa: T201
-        return EXIT_OK if asked else EXIT_USAGE
+    if args is None and (asked := _refuse_words(*remove_ros_args(sys.argv))) is not None:
+        return asked
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(FAST_DDS_PROFILE))
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     stop = _Stop()
