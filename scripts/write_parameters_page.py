@@ -50,6 +50,9 @@ def page() -> str:
     chapters: list[tuple[str, ParameterTable]] = [
         ("Every plant: `simulator` and `servo_driver`", PLANT_PARAMETERS),
         ("`simulator`", load_table("fin_sim", "simulator_parameters.yaml")),
+        ("`servo_driver`", load_table("fin_servo_driver", "servo_driver_parameters.yaml")),
+        ("`velocity_estimator`", load_table("fin_servo_driver", "velocity_estimator_parameters.yaml")),
+        ("`rehearsal`", load_table("fin_servo_driver", "rehearsal_parameters.yaml")),
         ("`optimizer`, besides the `fin.*` that its search starts from", own),
     ]
     parts = [HEAD]
