@@ -17,7 +17,6 @@ import yaml
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import Reader
 
 from fin_optimizer import bag as bag_module
@@ -33,32 +32,9 @@ from fin_optimizer.bag import (
 )
 from fin_optimizer.score import Measurement, score
 from fin_optimizer.score_bag import main, score_bag
+from support.bags import GAIT, SECOND, START, STATE, STEP, VELOCITY, quality
 
-SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
-STEP = SECOND // 100
 SAMPLES = 1001
-
-
-def quality(durability: QosDurability = QosDurability.VOLATILE) -> Qos:
-    """Return what a plant offers."""
-    none = QosTime(0, 0)
-    return Qos(
-        QosHistory.KEEP_LAST,
-        1000,
-        QosReliability.RELIABLE,
-        durability,
-        none,
-        none,
-        QosLiveliness.AUTOMATIC,
-        none,
-        avoid_ros_namespace_conventions=False,
-    )
-
-
-VELOCITY = BagTopic("/fish/velocity", "geometry_msgs/msg/TwistStamped", quality())
-STATE = BagTopic("/fish/plant_state", "diagnostic_msgs/msg/DiagnosticStatus", quality(QosDurability.TRANSIENT_LOCAL))
-GAIT = BagTopic("/fish/gait", "std_msgs/msg/Float64MultiArray", quality())
 SILENT = BagTopic("/fish/thrust", "geometry_msgs/msg/WrenchStamped", quality())
 TOPICS = (VELOCITY, STATE, GAIT, SILENT)
 METADATA = {
