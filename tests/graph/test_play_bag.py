@@ -42,7 +42,11 @@ class Listener:
 
     def wait(self, condition: Callable[[], object], what: str) -> None:
         """Spin until the condition holds."""
-        wait_until(condition, 20, what, lambda: self._executor.spin_once(timeout_sec=0.02))
+        wait_until(condition, 20, what, self._turn)
+
+    def _turn(self) -> None:
+        self._executor.spin_once(timeout_sec=0.02)
+        self.recorder.listen()
 
     def call(self, name: str) -> Any:
         """Call a service of the player."""

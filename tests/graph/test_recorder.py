@@ -7,13 +7,12 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.experimental import EventsExecutor
 
 from fin_optimizer.bag import BagError, read_bag, read_velocity
 from fin_optimizer.recorder import Recorder
@@ -110,39 +109,39 @@ def plant(ros_domain: int) -> Iterator[Plant]:
     process.close()
 
 
-@pytest.fixture(params=[SingleThreadedExecutor, EventsExecutor])
-def node_and_executor(request: pytest.FixtureRequest, ros_domain: int) -> Iterator[tuple[Node, Any]]:
+@pytest.fixture
+def node(ros_domain: int) -> Iterator[Node]:
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=ros_domain)
     node = rclpy.create_node("optimizer", namespace=topics.NAMESPACE, context=context)
-    executor = request.param(context=context)
-    executor.add_node(node)
-    yield node, executor
-    executor.shutdown()
+    yield node
     node.destroy_node()
     rclpy.shutdown(context=context)
 
 
-def spin_until(executor: Any, condition: Callable[[], object], what: str) -> None:
-    wait_until(condition, 30.0, what, meanwhile=lambda: executor.spin_once(timeout_sec=0.05))
+def listen_until(recorder: Recorder, condition: Callable[[], object], what: str) -> None:
+    def turn() -> None:
+        recorder.listen()
+        time.sleep(0.002)
+
+    wait_until(condition, 30.0, what, meanwhile=turn)
 
 
-def recorded(plant: Plant, executor: Any, recorder: Recorder, path: Path, samples: int) -> Any:
+def recorded(plant: Plant, recorder: Recorder, path: Path, samples: int) -> Any:
     """Record a swim of the plant; return the bag's summary."""
-    spin_until(executor, lambda: not recorder.unmatched([*STREAMS, topics.PLANT_STATE]), "publisher")
-    spin_until(executor, lambda: recorder.received(topics.PLANT_STATE), "plant_state")
+    listen_until(recorder, lambda: not recorder.unmatched([*STREAMS, topics.PLANT_STATE]), "publisher")
+    listen_until(recorder, lambda: recorder.received(topics.PLANT_STATE), "plant_state")
     recorder.open(path, Measurement().metadata())
     plant.send(samples)
-    spin_until(executor, plant.sent.is_set, "end of the swim")
+    listen_until(recorder, plant.sent.is_set, "end of the swim")
     return recorder.close()
 
 
 def test_every_message_of_a_fast_swim_is_in_the_bag_and_scores_the_same(
-    plant: Plant, node_and_executor: tuple[Node, Any], tmp_path: Path
+    plant: Plant, node: Node, tmp_path: Path
 ) -> None:
-    node, executor = node_and_executor
     recorder = Recorder(node)
-    summary = recorded(plant, executor, recorder, tmp_path / "trial_0001", SAMPLES)
+    summary = recorded(plant, recorder, tmp_path / "trial_0001", SAMPLES)
     assert {topic.name: summary.counts[f"/fish/{topic.name}"] for topic in STREAMS} == dict.fromkeys(
         (topic.name for topic in STREAMS), SAMPLES
     )
@@ -158,11 +157,10 @@ def test_every_message_of_a_fast_swim_is_in_the_bag_and_scores_the_same(
     recorder.destroy()
 
 
-def test_one_recorder_writes_bag_after_bag(plant: Plant, node_and_executor: tuple[Node, Any], tmp_path: Path) -> None:
-    node, executor = node_and_executor
+def test_one_recorder_writes_bag_after_bag(plant: Plant, node: Node, tmp_path: Path) -> None:
     recorder = Recorder(node)
     for number in (1, 2, 3):
-        summary = recorded(plant, executor, recorder, tmp_path / f"trial_{number}", 100 * number)
+        summary = recorded(plant, recorder, tmp_path / f"trial_{number}", 100 * number)
         assert summary.counts["/fish/velocity"] == 100 * number
         assert recorder.velocity_samples()[0].size == 100 * number
         assert recorder.failure is None
@@ -170,9 +168,8 @@ def test_one_recorder_writes_bag_after_bag(plant: Plant, node_and_executor: tupl
 
 
 def test_a_disk_that_fills_up_is_told_and_the_next_bag_works(
-    plant: Plant, node_and_executor: tuple[Node, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    plant: Plant, node: Node, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node, executor = node_and_executor
     recorder = Recorder(node)
     recorder.open(tmp_path / "lost", {})
 
@@ -182,13 +179,13 @@ def test_a_disk_that_fills_up_is_told_and_the_next_bag_works(
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
         plant.send(100)
-        spin_until(executor, lambda: recorder.failure, "failure")
+        listen_until(recorder, lambda: recorder.failure, "failure")
         assert "lost: No space left on device" in str(recorder.failure)
-        spin_until(executor, plant.sent.is_set, "end of the swim: a full disk must not hold the plant back")
+        listen_until(recorder, plant.sent.is_set, "end of the swim: a full disk must not hold the plant back")
         with pytest.raises(BagError, match="lost: No space left on device"):
             recorder.close()
     assert recorder.failure is None
-    assert recorded(plant, executor, recorder, tmp_path / "next", 100).counts["/fish/velocity"] == 100
+    assert recorded(plant, recorder, tmp_path / "next", 100).counts["/fish/velocity"] == 100
     recorder.destroy()
 
 
@@ -213,10 +210,7 @@ def test_a_program_that_forgets_to_close_still_ends_and_leaves_a_whole_bag(ros_d
     assert (bag.complete, bag.metadata) == (True, {"trial.number": "1"})
 
 
-def test_the_recorder_says_what_is_missing_and_refuses_wrong_use(
-    node_and_executor: tuple[Node, Any], tmp_path: Path
-) -> None:
-    node, _ = node_and_executor
+def test_the_recorder_says_what_is_missing_and_refuses_wrong_use(node: Node, tmp_path: Path) -> None:
     recorder = Recorder(node, topics=(topics.VELOCITY, topics.PLANT_STATE))
     assert recorder.unmatched([topics.VELOCITY, topics.PLANT_STATE]) == ["velocity", "plant_state"]
     assert recorder.newest_stamp() is None

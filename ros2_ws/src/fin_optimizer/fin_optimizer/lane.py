@@ -13,7 +13,7 @@ from fin_optimizer import report
 from fin_optimizer.bag import BagError
 from fin_optimizer.observation import Observation
 from fin_optimizer.plant_client import PlantClient
-from fin_optimizer.recorder import Recorder
+from fin_optimizer.recorder import LONGEST_PAUSE, Recorder
 from fin_optimizer.score import ScoreError
 from fin_optimizer.score_bag import scored_swim
 from fin_optimizer.trial import Action, Outcome, Result, Trial
@@ -119,9 +119,10 @@ class Lane:
 
     def advance(self, now: float) -> float:
         """Take the trial as far as the facts allow; return how long to wait for new ones, in s."""
+        self._recorder.listen()
         trial = self.trial
         if trial is None:
-            return math.inf
+            return LONGEST_PAUSE
         self._repeat_gait(now)
         if self.plant.changed or now >= self._look_due:
             self.plant.changed = False

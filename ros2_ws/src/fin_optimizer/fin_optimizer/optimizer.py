@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from fin_plant.topics import Topic
 
 _HEALTH_PERIOD = 1.0
+_SHOW_PERIOD = 0.1
 _IDLE_PERIOD = 0.1
 _DISCOVERY = 0.5
 """s before the first trial: a second plant must have been seen before the first one is spoken to."""
@@ -70,7 +71,7 @@ class Optimizer:
         self._exit_code: int | None = None
         self._failures_in_a_row = 0
         self._asked_parameters = False
-        self._health_due = 0.0
+        self._health_due = self._show_due = 0.0
         self._start_at = time.monotonic() + _DISCOVERY
         self._metadata = self._study_metadata()
         namespaces = self._plan.plants or [self.node.get_namespace()]
@@ -147,14 +148,16 @@ class Optimizer:
             wait = min(wait, lane.advance(now))
             if lane.trial is not None and lane.trial.result is not None:
                 self._end_trial(lane, lane.trial.result)
-        if busy := [lane for lane in self._lanes if lane.trial is not None]:
+        busy = [lane for lane in self._lanes if lane.trial is not None]
+        if busy and now >= self._show_due:
+            self._show_due = now + _SHOW_PERIOD
             self._display.show(busy[0].phase, busy[0].note)
         if self._mode is Mode.STOPPING:
             self._cancel("~/stop was called")
             self._finish(node_process.EXIT_OK)
         elif self._mode is Mode.PAUSING and not busy:
             self._mode = Mode.HOLDING
-        elif self._mode is Mode.RUNNING and now >= self._start_at:
+        elif self._mode is Mode.RUNNING and now >= self._start_at and len(busy) < len(self._lanes):
             return self._begin_trials(wait)
         return wait
 

@@ -1,8 +1,8 @@
 """Records a plant's topics to bags, one bag a trial, without losing or delaying a message.
 
-A callback only puts the serialised bytes aside and empties its queue in one go: faster than real time a plant
-sends tens of thousands of messages a second, and an executor's own work for each single one would be ten
-times as much. A thread compresses them, writes them and waits for the disk.
+The recorder takes what has arrived whenever its owner calls `listen`, all at once and as serialised bytes: faster than
+real time a plant sends tens of thousands of messages a second, and an executor's own work for each single one would be
+ten times as much. A thread compresses them, writes them and waits for the disk.
 """
 
 from __future__ import annotations
@@ -12,7 +12,9 @@ from collections import deque
 from concurrent.futures import Future
 from typing import TYPE_CHECKING, Any
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rclpy.type_support import check_is_valid_msg_type
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from fin_optimizer.bag import (
@@ -34,22 +36,23 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from rclpy.duration import Duration
     from rclpy.node import Node
-    from rclpy.subscription import Subscription
 
 _KEPT = (VELOCITY.name, JOINT_STATES.name)
 """Topics that a score is made of, which it takes from memory."""
-WRITE_PERIOD = 0.1
+WRITE_PERIOD = 0.02
 """s between two visits of the writing thread; messages wait in memory no longer."""
 TAKEN_AT_ONCE = 500
-"""Messages of one topic that a callback takes before other callbacks have their turn."""
+"""Messages of one topic that `listen` takes before its owner and other callbacks have their turn."""
 ALL = 100_000
 """More messages than any queue of the middleware holds."""
+LONGEST_PAUSE = 0.1
+"""s between two calls of `listen`, at most: what waits longer than its queue is deep holds a fast plant back."""
 
 
 class Recorder:
     """Listens to a plant's topics from the start, and writes what it hears while a bag is open.
 
-    Call it from the thread that spins the node. It works with any executor.
+    Call it from one thread, and `listen` every `LONGEST_PAUSE` or more often. No executor has a part in it.
 
     Args:
         node: Node that subscribes.
@@ -66,16 +69,20 @@ class Recorder:
         namespace: str = "",
         minimum_free: float = 0.0,
     ) -> None:
-        self._node = node
         self._minimum_free = minimum_free
         self._queue: deque[tuple[str, bytes]] = deque()
         self._ears = {topic.name: _Ear(node, topic, self._queue, namespace) for topic in topics}
         self._closing = threading.Event()
         self._job: Future[BagSummary] | None = None
 
+    def listen(self) -> None:
+        """Take what has arrived."""
+        for ear in self._ears.values():
+            ear.take_waiting()
+
     def unmatched(self, required: Iterable[Topic[Any]]) -> list[str]:
         """Return the names of those topics that have no publisher yet."""
-        return [topic.name for topic in required if not self._ear(topic).subscription.get_publisher_count()]
+        return [topic.name for topic in required if not self._ear(topic).publishers]
 
     def received(self, topic: Topic[Any]) -> int:
         """Return how many messages of a topic have come since the recorder began to listen."""
@@ -169,7 +176,7 @@ class Recorder:
                 self.close()
         finally:
             for ear in self._ears.values():
-                self._node.destroy_subscription(ear.subscription)
+                ear.destroy()
 
     def _ear(self, topic: Topic[Any]) -> _Ear:
         if topic.name not in self._ears:
@@ -208,10 +215,22 @@ class _Ear:
         self.kept: list[bytes] = []
         self._queue = queue
         self._recording = False
-        self.subscription: Subscription = node.create_subscription(
-            topic.type, topic.name_in(namespace), self._receive, _every_message(topic.qos), raw=True
-        )
-        self.name = str(self.subscription.topic_name)
+        check_is_valid_msg_type(topic.type)
+        qos = _every_message(topic.qos).get_c_qos_profile()
+        # What Node.create_subscription makes, without the part that puts it into the node's executor.
+        with node.handle:
+            self._handle = rclpy_implementation.Subscription(node.handle, topic.type, topic.name_in(namespace), qos)
+            self.name = str(self._handle.get_topic_name())
+
+    @property
+    def publishers(self) -> int:
+        """Number of publishers that the topic is matched with."""
+        with self._handle:
+            return int(self._handle.get_publisher_count())
+
+    def destroy(self) -> None:
+        """Stop listening."""
+        self._handle.destroy_when_not_in_use()
 
     @property
     def _latched(self) -> bool:
@@ -229,22 +248,17 @@ class _Ear:
         self._recording = False
 
     def take_waiting(self, limit: int = TAKEN_AT_ONCE) -> None:
-        """Take messages that have arrived, without waiting for the executor's next turn."""
-        for _ in range(limit):
-            taken = self.subscription.handle.take_message(self.topic.type, True)  # noqa: FBT003  (raw; a C++ function)
-            if taken is None:
-                return
-            self._keep(taken[0])
-
-    def _receive(self, data: bytes) -> None:
-        self._keep(data)
-        self.take_waiting()
-
-    def _keep(self, data: bytes) -> None:
-        self.received += 1
-        self.last = data
-        if self._recording:
-            self._record(data)
+        """Take messages that have arrived."""
+        raw = True
+        with self._handle:
+            for _ in range(limit):
+                taken = self._handle.take_message(self.topic.type, raw)
+                if taken is None:
+                    return
+                self.received += 1
+                self.last = taken[0]
+                if self._recording:
+                    self._record(self.last)
 
     def _record(self, data: bytes) -> None:
         self._queue.append((self.name, data))

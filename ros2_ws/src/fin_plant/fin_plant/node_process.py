@@ -14,6 +14,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
+from threadpoolctl import threadpool_limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,6 +83,9 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
     """
     if args is None and (asked := _refuse_words(*remove_ros_args(sys.argv))) is not None:
         return asked
+    # The matrices here are small. A helper thread of the linear algebra would gain nothing, and after each call it
+    # spins for tens of milliseconds on a core that another node needs.
+    threadpool_limits(1, user_api="blas")
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(FAST_DDS_PROFILE))
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     stop = _Stop()

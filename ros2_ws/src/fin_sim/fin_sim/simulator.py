@@ -55,6 +55,8 @@ _MARKERS_PER_SECOND = 10.0
 _CLOCK_PER_SECOND = 100.0
 # Samples that may be on their way to the slowest listener; the publishers' queues hold twice as many.
 _LARGEST_BACKLOG = topics.STREAM.depth // 2
+# Whether they have arrived is asked from here on: the question costs as much as twenty messages.
+_ASKED_BACKLOG = _LARGEST_BACKLOG // 2
 _ACKNOWLEDGE_WAIT = Duration(seconds=0.02)
 _HANGING_AFTER = 2.0
 _NO_WAIT = Duration(seconds=0.0)
@@ -382,8 +384,6 @@ class Simulator:
             for message in template.fill(stamps, numbers):
                 publisher.publish(message)
         self._backlog += len(stamps)
-        if all(publisher.wait_for_all_acked(_NO_WAIT) for publisher in self._streams):
-            self._backlog = 0
         self._publish_clock()
         self._publish_markers(states[-1])
         if self._state is State.SWIMMING:
@@ -408,10 +408,13 @@ class Simulator:
         A listener whose queue is full does not acknowledge, so none can be outrun. One that hangs holds the fish back
         until it is gone; the callbacks still run meanwhile.
         """
-        if self._backlog < _LARGEST_BACKLOG:
+        if self._backlog < _ASKED_BACKLOG:
             return
-        if all(publisher.wait_for_all_acked(_ACKNOWLEDGE_WAIT) for publisher in self._streams):
+        wait = _NO_WAIT if self._backlog < _LARGEST_BACKLOG else _ACKNOWLEDGE_WAIT
+        if all(publisher.wait_for_all_acked(wait) for publisher in self._streams):
             self._backlog, self._held_since = 0, None
+            return
+        if self._backlog < _LARGEST_BACKLOG:
             return
         self._held_since = self._held_since or time.monotonic()
         if self._stuck:
