@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import Trigger
 
+from fin_plant import topics
 from support.domains import locked_domain
 from support.processes import StartedProcess, start_executable, workspace_environment
 from support.shared_memory import remove_stale_segments
+from support.waiting import wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
 
 
@@ -78,3 +83,26 @@ def start(ros_domain: int, tmp_path: Path) -> Iterator[Start]:
         print(process.tail())  # noqa: T201
     if complaints:
         pytest.fail("\n".join(complaints))
+
+
+@pytest.fixture
+def call(ros_domain: int) -> Iterator[Callable[[str], Any]]:
+    """Call a Trigger service by its name, relative to the fish's namespace, and wait for the answer."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=ros_domain)
+    node = rclpy.create_node("caller", namespace=topics.NAMESPACE, context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def call_one(name: str) -> Any:
+        client = node.create_client(Trigger, name)
+        wait_until(client.service_is_ready, 20, f"service {name}", lambda: executor.spin_once(timeout_sec=0.02))
+        future = client.call_async(Trigger.Request())
+        wait_until(future.done, 20, f"answer of {name}", lambda: executor.spin_once(timeout_sec=0.02))
+        node.destroy_client(client)
+        return future.result()
+
+    yield call_one
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown(context=context)

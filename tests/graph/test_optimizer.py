@@ -18,6 +18,8 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer.bag import read_bag
 from fin_optimizer.score_bag import score_bag
+from fin_optimizer.study import read_trials
+from fin_optimizer.trial import Outcome
 from fin_plant import topics
 from fin_plant.messages import plant_state_message
 from fin_plant.plant_state import PlantState, State
@@ -27,12 +29,15 @@ from support.waiting import wait_until
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from support.disk import Disk
     from support.processes import StartedProcess
 
     Start = Callable[..., StartedProcess]
 
 pytestmark = pytest.mark.graph
 MODULUS = "fin.young_modulus [Pa]"
+PAPER_AREA = 0.08 * 0.025
+"""m^2."""
 SHORT = ("measurement.duration:=1.0",)
 
 
@@ -215,45 +220,59 @@ def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, 
     assert "has 2 publishers (/fish/simulator, /fish/stub)" in optimizer.output()
 
 
-@pytest.fixture
-def call(ros_domain: int) -> Iterator[Callable[[str], Any]]:
-    """Call a service of the optimiser by its name, and wait for the answer."""
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=ros_domain)
-    node = rclpy.create_node("caller", namespace=topics.NAMESPACE, context=context)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
-
-    def call_one(name: str) -> Any:
-        client = node.create_client(Trigger, f"optimizer/{name}")
-        wait_until(client.service_is_ready, 20, f"service {name}", lambda: executor.spin_once(timeout_sec=0.02))
-        future = client.call_async(Trigger.Request())
-        wait_until(future.done, 20, f"answer of {name}", lambda: executor.spin_once(timeout_sec=0.02))
-        node.destroy_client(client)
-        return future.result()
-
-    yield call_one
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown(context=context)
-
-
 def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, call: Callable[[str], Any]) -> None:
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
     optimizer = start_optimizer(start, folder, "trials:=1000", "autostart:=false", "measurement.duration:=1.0")
     optimizer.wait_for_output("1000 trials, seed 1")
-    assert call("pause").message == "nothing to pause: holding: call ~/start"
-    assert call("start").success
+    assert call("optimizer/pause").message == "nothing to pause: holding: call ~/start"
+    assert call("optimizer/start").success
     optimizer.wait_for_output("trial 0001")
-    assert call("pause").success
-    wait_until(lambda: call("pause").success is False, 20, "the study to hold")
+    assert call("optimizer/pause").success
+    wait_until(lambda: call("optimizer/pause").success is False, 20, "the study to hold")
     held = optimizer.output().count("\ntrial ")
-    assert call("start").success
+    assert call("optimizer/start").success
     optimizer.wait_for_output(f"trial {held:04d}")
-    assert call("stop").success
+    assert call("optimizer/stop").success
     assert optimizer.wait() == 0
     assert "best of" in optimizer.output()
     assert {row["outcome"] for row in table(folder)} <= {"OK", "FAILED"}
+
+
+def test_a_disk_that_fills_up_ends_the_study_without_loss_and_more_room_lets_it_go_on(
+    start: Start, tmp_path: Path, disk: Disk
+) -> None:
+    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    whole, cut = tmp_path / "whole", disk.path / "study"
+    assert start_optimizer(start, whole, "trials:=8", *SHORT).wait(90) == 0
+    refused = start_optimizer(start, cut, "trials:=8", *SHORT)
+    assert refused.wait(60) == 1
+    assert "MB free, needed are 200.0 MB (parameter disk.minimum_free): make room" in refused.output()
+    full = start_optimizer(start, cut, "trials:=8", "disk.minimum_free:=0.0", *SHORT)
+    assert full.wait(90) == 1
+    assert "No space left on device" in full.output()
+    done = [trial for trial in read_trials(cut) if trial.outcome is Outcome.OK]
+    assert 0 < len(done) < 8
+    assert all(score_bag(cut / trial.bag)[0].value == trial.score for trial in done)
+    disk.mount("-o", "remount,size=16m")
+    assert start_optimizer(start, cut, "trials:=8", "disk.minimum_free:=0.0", *SHORT).wait(90) == 0
+    scored = [row for row in table(cut) if row["outcome"] == "OK"]
+    for column in (MODULUS, "speed [m/s]"):
+        assert [row[column] for row in scored] == [row[column] for row in table(whole)]
+
+
+@pytest.mark.parametrize("algorithm", ["hill_climber", "genetic", "cma_es"])
+def test_modulus_and_length_are_searched_together_at_fixed_area(start: Start, folder: Path, algorithm: str) -> None:
+    words = (f"search.algorithm:={algorithm}", "search.length.minimum:=0.06", "search.length.maximum:=0.1")
+    assert start_bringup(start, folder, "trials:=6", *words, *SHORT).wait(90) == 0
+    rows = table(folder)
+    assert [row["outcome"] for row in rows] == ["OK"] * 6
+    lengths = [float(row["fin.length [m]"]) for row in rows]
+    assert all(0.06 <= length <= 0.1 for length in lengths)
+    assert len(set(lengths)) > 1
+    for row in rows:
+        swum = read_bag(folder / row["bag"]).metadata
+        assert float(swum["fin.length"]) == float(row["fin.length [m]"])
+        assert float(swum["fin.length"]) * float(swum["fin.height"]) == pytest.approx(PAPER_AREA)
 
 
 def test_a_second_optimiser_on_the_same_study_is_refused(start: Start, folder: Path) -> None:

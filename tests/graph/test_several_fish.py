@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import signal
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -22,19 +23,35 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.graph
 FISH = ("/tank_a/fish", "/tank_b/fish")
+# A body without weight to speak of in much too thick a liquid, and limits that let a wild gait through: no step is
+# short enough for it.
+HOPELESS = (
+    "speed:=0.0",
+    "step:=0.01",
+    "limits.sweep:=1.5",
+    "limits.frequency:=20.0",
+    "drive.ramp_time:=0.02",
+    "body.mass:=0.001",
+    "body.inertia:=1.0e-7",
+    "body.drag_area:=1.0",
+    "body.lift_area:=10.0",
+)
+
+
+def parameters(*assigned: str) -> list[str]:
+    return [word for one in assigned for word in ("-p", one)]
 
 
 def test_a_fish_that_is_killed_is_left_out_and_its_fin_is_swum_by_the_other(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "study"
     fish = [start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={name}") for name in FISH]
-    parameters = (
+    words = parameters(
         f"study_folder:={folder}",
         f"plants:=[{','.join(FISH)}]",
         "trials:=4",
         "measurement.duration:=1.5",
         "timeout.silence:=1.0",
     )
-    words = [word for parameter in parameters for word in ("-p", parameter)]
     study = start("fin_optimizer", "optimizer", "--ros-args", *words)
     wait_until(lambda: list(folder.glob("bags/*1_E*/*.mcap")), 30, "both fish to swim")
     running = {trial.plant: trial for trial in read_trials(folder) if trial.outcome is Outcome.RUNNING}
@@ -50,6 +67,31 @@ def test_a_fish_that_is_killed_is_left_out_and_its_fin_is_swum_by_the_other(star
     assert all(candidate.score is not None for candidate in candidates(trials))
     assert all(score_bag(folder / trial.bag)[0].value == trial.score for trial in trials if trial.score is not None)
     assert f"trial {interrupted.number:04d}" in study.output()
+
+
+def test_a_fish_in_fault_is_left_out_and_takes_part_again_after_its_reset(
+    start: Start, tmp_path: Path, call: Callable[[str], Any]
+) -> None:
+    folder = tmp_path / "study"
+    words = (f"study_folder:={folder}", f"plants:=[{','.join(FISH)}]", "trials:=1000", "measurement.duration:=1.0")
+    gait = ("gait.amplitude:=1.5", "gait.frequency:=20.0")
+    start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={FISH[0]}", "-p", "speed:=4.0")
+    # The other one's limits tame the gait.
+    start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={FISH[1]}", *parameters(*HOPELESS))
+    study = start("fin_optimizer", "optimizer", "--ros-args", *parameters(*words, *gait))
+    study.wait_for_output(f"{FISH[1]} does not take part: {FISH[1]}/simulator is in FAULT")
+    study.wait_for_output("trial 0004")
+    trials = read_trials(folder)
+    first = next(trial for trial in trials if trial.plant == FISH[1])
+    assert first.outcome is Outcome.FAILED
+    assert "stopped being finite" in first.reason
+    again = [trial for trial in trials if trial.candidate == first.candidate and trial is not first]
+    assert [trial.plant for trial in again] == [FISH[0]]
+    assert call(f"{FISH[1]}/simulator/reset").success
+    study.wait_for_output(f"{FISH[1]} takes part")
+    study.signal(signal.SIGINT)
+    assert study.wait(30) == 130
+    assert all(trial.outcome is not Outcome.RUNNING for trial in read_trials(folder))
 
 
 def test_two_objectives_are_measured_in_the_simulator_and_again_from_the_bag(start: Start, tmp_path: Path) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,46 +17,15 @@ from fin_optimizer.trial import Outcome, Result
 from support.bags import START, STEP, VELOCITY, velocity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
     from pathlib import Path
+
+    from support.disk import Disk
 
 MODULUS = "fin.young_modulus"
 SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"),))
 SEARCH = HillClimber(SPACE, 1, {MODULUS: math.sqrt(0.1) * 1e9})
 SETTINGS = Settings(SPACE)
 METADATA = {"trial.number": "0"}
-
-
-class Disk:
-    """A small file system in memory."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.mount("-t", "tmpfs", "-o", "size=256k", "tmpfs")
-
-    def mount(self, *arguments: str) -> None:
-        """Mount it, or mount it anew with other options."""
-        done = subprocess.run(["mount", *arguments, str(self.path)], check=False, capture_output=True, text=True)
-        if done.returncode:
-            pytest.skip(f"needs the right to mount a file system: {done.stderr.strip()}")
-
-    def fill(self) -> None:
-        """Leave no byte free."""
-        with (self.path / "ballast").open("wb", buffering=0) as file, contextlib.suppress(OSError):
-            while True:
-                file.write(bytes(4096))
-
-    def make_room(self) -> None:
-        """Take the ballast off again."""
-        (self.path / "ballast").unlink()
-
-
-@pytest.fixture
-def disk(tmp_path: Path) -> Iterator[Disk]:
-    path = tmp_path / "disk"
-    path.mkdir()
-    yield Disk(path)
-    subprocess.run(["umount", "-l", str(path)], check=False, capture_output=True)
 
 
 def swim(study: Study) -> float:

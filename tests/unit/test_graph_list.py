@@ -50,6 +50,12 @@ def test_every_argument_reaches_the_node_whose_parameter_it_is() -> None:
     }
 
 
+def test_of_several_simulated_fish_one_gives_the_clock() -> None:
+    *fish, _ = graph.nodes({"plants": "[/a/fish, /b/fish, /c/fish]"})
+    assert [one.namespace for one in fish] == ["/a/fish", "/b/fish", "/c/fish"]
+    assert [one.parameters.get("publish_clock", True) for one in fish] == [True, False, False]
+
+
 def test_a_robot_is_its_driver_and_an_estimator_of_its_velocity() -> None:
     given = {"plant": "robot", "robot_file": "robot.yaml", "window": "0.5", "command_timeout": "0.4", "trials": "3"}
     driver, estimator, optimizer = graph.nodes(given)

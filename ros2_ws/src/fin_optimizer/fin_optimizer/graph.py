@@ -31,6 +31,8 @@ SIMULATOR = "simulator"
 _PLANT_LIMITS = ParameterTable({n: p for n, p in PLANT_PARAMETERS.items() if n not in FIN_PARAMETERS})
 # A study in the simulator should not take as long as one in a tank.
 _STUDY_DEFAULTS: dict[str, Value] = {"speed": 0.0}
+# Of several simulated fish the first one's time is the graph's.
+_LATER_FISH: dict[str, Value] = {"publish_clock": False}
 # The paper swam each fin of its robot three times; a simulated swim repeats to the last digit. Empty asks for this.
 _REPEATS = {"robot": "3"}
 NAMESPACE_PATTERN = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
@@ -153,11 +155,13 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     _refuse_unknown(values, (*OPTIMIZER_PARAMETERS, *(name for node in plant for name in node.table)))
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
     fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
-    specs = [
-        NodeSpec(node.package, node.name, node.name, each, {**_parameters(node.table, values), **node.fixed})
-        for each in fish
-        for node in plant
-    ]
+    specs = []
+    for number, each in enumerate(fish):
+        for node in plant:
+            chosen = {**_parameters(node.table, values), **node.fixed}
+            if number:
+                chosen |= {name: value for name, value in _LATER_FISH.items() if name in node.table}
+            specs.append(NodeSpec(node.package, node.name, node.name, each, chosen))
     return (*specs, optimizer)
 
 

@@ -391,7 +391,8 @@ class Simulator:
 
     def _publish_clock(self) -> None:
         now = time.monotonic()
-        if self._number("speed") != 1.0 and now - self._last_clock >= 1.0 / _CLOCK_PER_SECOND:
+        wanted = self._values["publish_clock"] and self._number("speed") != 1.0
+        if wanted and now - self._last_clock >= 1.0 / _CLOCK_PER_SECOND:
             self._last_clock = now
             self._clock.publish(Clock(clock=time_message(self._stamp)))
 
