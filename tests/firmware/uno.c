@@ -1,9 +1,15 @@
-/* An Arduino Uno in simavr: runs a firmware's hex file with its UART on a pty, and prints the pulses of pin 9.
+/* An Arduino Uno in simavr: runs a firmware's hex file with its UART on a pty, and tells of the pulses of pin 9.
  *
  *   uno FIRMWARE.hex
  *
- * Output, a line each:  "pty /dev/pts/N" once;  "pulse START_US WIDTH_US" for every pulse;  "clock NOW_US" ten times a
- * second, so that a reader sees pulses stop. Times are of the simulated clock. Ends when its standard input is closed.
+ * Output, a line each; every time is in cycles of the simulated processor, 16 to a us, whatever the host is busy with:
+ *   pty /dev/pts/N                 once
+ *   pulse START WIDTH SET WAIT     after each pulse at the pin. SET: what the firmware's servo library has set timer 1 to.
+ *                                  WAIT: from the timer's match to the start of its handler, which then ends the pulse
+ *   byte TIME HEX                  after each byte that the firmware's receive handler has read
+ *   handler VECTOR CYCLES          whenever an interrupt handler, timer 1's aside, has run longer than any before
+ *   clock NOW                      ten times a simulated second, so that a reader sees pulses stop
+ * Ends when its standard input is closed.
  */
 #include <poll.h>
 #include <stdio.h>
@@ -16,21 +22,71 @@
 #include <simavr/parts/uart_pty.h>
 #include <simavr/sim_avr.h>
 #include <simavr/sim_hex.h>
+#include <simavr/sim_interrupts.h>
 
 #define FREQUENCY 16000000UL
-#define CYCLES_A_US (FREQUENCY / 1000000.0)
 #define SLICE_CYCLES (FREQUENCY / 1000) /* look at the real clock every simulated ms */
 
+/* ATmega328P data sheet, table 12-6 (vectors, here from 0 for reset) and section 36 (registers in data space). */
+enum { TIMER1_COMPA = 11, USART_RX = 18, VECTORS = 26 };
+enum { TCNT1L = 0x84, TCNT1H = 0x85, OCR1AL = 0x88, OCR1AH = 0x89, UDR0 = 0xC6 };
+#define CYCLES_A_TICK 8 /* the servo library runs timer 1 from the clock over 8 */
+
 static avr_t *avr;
+static avr_cycle_count_t matched, begun[VECTORS], longest, wait;
+
+static void timer_1_pending(struct avr_irq_t *irq, uint32_t level, void *unused)
+{
+    (void)irq, (void)unused;
+    if (level)
+        matched = avr->cycle;
+}
+
+static void handler_runs(struct avr_irq_t *irq, uint32_t level, void *vector_number)
+{
+    long vector = (long)vector_number;
+    (void)irq;
+    if (level) {
+        begun[vector] = avr->cycle;
+        if (vector == TIMER1_COMPA)
+            wait = avr->cycle - matched;
+        return;
+    }
+    avr_cycle_count_t cycles = avr->cycle - begun[vector];
+    if (vector != TIMER1_COMPA && cycles > longest) {
+        longest = cycles;
+        printf("handler %ld %llu\n", vector, (unsigned long long)cycles);
+    }
+    if (vector == USART_RX)
+        printf("byte %llu %02x\n", (unsigned long long)avr->cycle, avr->data[UDR0]);
+}
 
 static void pin_9_changed(struct avr_irq_t *irq, uint32_t level, void *unused)
 {
     static avr_cycle_count_t rise;
+    static uint16_t ticks;
     (void)irq, (void)unused;
-    if (level)
+    if (level) {
+        /* The library has just read the counter, added the pulse's ticks, and set the match to the sum. */
+        uint16_t counter = avr->data[TCNT1L] | avr->data[TCNT1H] << 8;
+        ticks = (avr->data[OCR1AL] | avr->data[OCR1AH] << 8) - counter;
         rise = avr->cycle;
-    else if (rise)
-        printf("pulse %.3f %.3f\n", rise / CYCLES_A_US, (avr->cycle - rise) / CYCLES_A_US);
+    } else if (rise) {
+        printf("pulse %llu %llu %u %llu\n", (unsigned long long)rise, (unsigned long long)(avr->cycle - rise),
+               CYCLES_A_TICK * ticks, (unsigned long long)wait);
+    }
+}
+
+static void watch_interrupts(void)
+{
+    for (long vector = 1; vector < VECTORS; vector++) {
+        avr_irq_t *irq = avr_get_interrupt_irq(avr, vector);
+        if (!irq)
+            continue;
+        avr_irq_register_notify(irq + AVR_INT_IRQ_RUNNING, handler_runs, (void *)vector);
+        if (vector == TIMER1_COMPA)
+            avr_irq_register_notify(irq + AVR_INT_IRQ_PENDING, timer_1_pending, NULL);
+    }
 }
 
 static double seconds(void)
@@ -62,6 +118,7 @@ int main(int count, char **arguments)
     uart_pty_connect(&uart, '0');
     printf("pty %s\n", uart.pty.slavename);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ('B'), 1), pin_9_changed, NULL);
+    watch_interrupts();
 
     double begin = seconds();
     struct pollfd input = {.fd = STDIN_FILENO, .events = POLLIN};
@@ -70,7 +127,7 @@ int main(int count, char **arguments)
             if (avr_run(avr) >= cpu_Done)
                 _exit(1);
         if (slice % 100 == 0)
-            printf("clock %.3f\n", avr->cycle / CYCLES_A_US);
+            printf("clock %llu\n", (unsigned long long)avr->cycle);
         double ahead = avr->cycle / (double)FREQUENCY - (seconds() - begin);
         if (ahead > 0.001)
             usleep(1e6 * ahead);
