@@ -39,7 +39,7 @@ campaign: setup ## the paper's experiments, figures and numbers, in runs/campaig
 	@./run fin_optimizer campaign $(ARGS)
 
 .PHONY: bench
-bench: setup ## how fast many fish swim, beside MuJoCo and SciPy in the same run; ARGS="--quick" for a look
+bench: setup ## how fast fish swim and trials run, beside MuJoCo and SciPy; ARGS="--quick" for a look
 	@$(environment) && python -m pip install --quiet --requirement requirements/bench.txt
 	@./run fin_optimizer bench $(ARGS)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from fin_optimizer.bench import trial_loop
 from fin_optimizer.study import read_trials
 from fin_optimizer.trial import Outcome
 from support.waiting import wait_until
@@ -69,6 +70,12 @@ def many(start: Start, folder: Path, trials: int, patience: float) -> None:
 
 def test_sixty_trials_leave_memory_and_files_flat(start: Start, tmp_path: Path) -> None:
     many(start, tmp_path / "study", 60, 60.0)
+
+
+def test_the_benchmark_times_trials_of_the_whole_graph(ros_domain: int) -> None:
+    found = trial_loop(3, 1.0)
+    assert (found.trials, found.swum) == (3, 3.0)
+    assert found.seconds > 0.0
 
 
 @pytest.mark.long

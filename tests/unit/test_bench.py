@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from fin_optimizer import bench, mujoco_fish
+from fin_optimizer.throughput import Throughput
 from fin_sim import swim
 
 
@@ -15,13 +16,13 @@ def test_operations_are_counted_and_the_profile_adds_up() -> None:
     counted = bench.operations()
     assert counted["multiply"] > 300
     assert counted["square_root"] == 1
-    figures = bench.profile(bench.Sizes(1, (1,), (1,), (1e-3,)))
+    figures = bench.profile(bench.Sizes(1, (1,), (1,), (1e-3,), 1))
     assert 0.0 < figures["share_of_limit"] < 1.0
     assert figures["set_up_us_per_swim"] < figures["core_us_per_swim"]
 
 
 def test_lanes_are_within_a_thousandth_and_time_a_swim() -> None:
-    rows = bench.methods(bench.Sizes(1, (1,), (1,), (1e-3,)))
+    rows = bench.methods(bench.Sizes(1, (1,), (1,), (1e-3,), 1))
     assert all(row["error"] < 1e-3 for row in rows)
     assert all(row["core_ms"] > 0.0 for row in rows)
 
@@ -33,12 +34,14 @@ def test_scipy_solves_the_same_equations() -> None:
 @pytest.mark.timeout(300)
 def test_the_command_prints_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mujoco", reason="pip install -r requirements/bench.txt")
-    monkeypatch.setattr(bench, "QUICK", bench.Sizes(1, (1, 16), (1, 3), (4e-3, 2e-3)))
+    monkeypatch.setattr(bench, "QUICK", bench.Sizes(1, (1, 16), (1, 3), (4e-3, 2e-3), 1))
+    monkeypatch.setattr(bench, "trial_loop", lambda trials, duration: Throughput(trials, 0.5, trials * duration))
     bench.main(["--quick", "--json"])
     figures = json.loads(capsys.readouterr().out)
     assert figures["others"]["MuJoCo rollout"]["core_ms"] > 0.0
     assert figures["times_faster_than"]["SciPy solve_ivp"] > 1.0
     assert "| MuJoCo rollout |" in bench.text(figures)
+    assert "| 1 | 10 s | 2.0 | 20 |" in bench.text(figures)
 
 
 def test_what_is_refused_leaves_by_2(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""`bench`: how fast many fish swim, beside MuJoCo and SciPy in the same run, and where the time goes.
+"""`bench`: how fast many fish swim, beside MuJoCo and SciPy in the same run, where the time goes, and trials a second.
 
 Core time is the processor time of the one thread that does the work, the least of several repeats: other work on the
 machine then costs little accuracy, and ratios of one run compare what ran under the same conditions.
@@ -9,15 +9,20 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.integrate
 
 from fin_optimizer import mujoco_fish
+from fin_optimizer.bringup import find_executable
+from fin_optimizer.throughput import Throughput, throughput
 from fin_plant import checks
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, GaitFollower
@@ -38,6 +43,7 @@ MODULI = np.linspace(0.5e9, 4e9, 15)
 MUJOCO_ERROR = 0.01
 """Largest change of MuJoCo's speed, over the same range, from its finest step to the step that it is timed at."""
 _REFUSED = 2
+_NAMESPACE = "namespace:=/bench/fish"
 _MICRO = 1e6
 _MANY = 4096
 """Swims of which one is timed: enough that the set-up of a batch does not count."""
@@ -51,10 +57,13 @@ class Sizes:
     swims: tuple[int, ...]
     segments: tuple[int, ...]
     mujoco_steps: tuple[float, ...]
+    trials: int
 
 
-FULL = Sizes(5, (1, 10, 100, 1000, 10_000, 100_000), (1, 2, 3, 4, 5, 7, 8, 10, 15, 20), (4e-3, 2e-3, 1e-3, 2.5e-4))
-QUICK = Sizes(2, (1, 100, 2000), (1, 3, 20), (2e-3, 5e-4))
+FULL = Sizes(5, (1, 10, 100, 1000, 10_000, 100_000), (1, 2, 3, 4, 5, 7, 8, 10, 15, 20), (4e-3, 2e-3, 1e-3, 2.5e-4), 200)
+QUICK = Sizes(2, (1, 100, 2000), (1, 3, 20), (2e-3, 5e-4), 20)
+TRIAL_DURATIONS = (10.0, 0.5)
+"""Swims in s of the paper, and short ones, which show what a trial costs besides its swim."""
 
 
 def core_time(work: Callable[[], object], repeats: int) -> float:
@@ -238,6 +247,37 @@ def profile(sizes: Sizes) -> dict[str, float]:
     }
 
 
+def trial_loop(trials: int, duration: float) -> Throughput:
+    """Return how fast the whole graph does trials in the simulator: three processes, a bag and the journal for each.
+
+    Args:
+        trials: Number of them.
+        duration: Of a swim, in s.
+
+    Raises:
+        RuntimeError: The study failed; the message has the end of what it said.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        study = Path(folder) / "study"
+        words = (f"study_folder:={study}", f"trials:={trials}", f"measurement.duration:={duration}", _NAMESPACE)
+        command = [str(find_executable("fin_optimizer", "bringup")), *words, "disk.minimum_free:=0"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+        if done.returncode:
+            msg = f"the study ended with exit code {done.returncode}:\n{done.stdout[-1000:]}{done.stderr[-1000:]}"
+            raise RuntimeError(msg)
+        return throughput(study)
+
+
+def trial_loops(sizes: Sizes) -> list[dict[str, float]]:
+    """Return trials a second and the factor of real time for long and short swims."""
+    rows = []
+    for duration in TRIAL_DURATIONS:
+        found = trial_loop(sizes.trials, duration)
+        figures = {"trials_a_second": found.trials_a_second, "real_time_factor": found.real_time_factor}
+        rows.append({"duration_s": duration, "trials": float(found.trials), **figures})
+    return rows
+
+
 def measure(sizes: Sizes) -> dict[str, Any]:
     """Return all figures."""
     lanes, rest = methods(sizes), others(sizes)
@@ -251,6 +291,7 @@ def measure(sizes: Sizes) -> dict[str, Any]:
         "real_time": DURATION / (default["core_ms"] * 1e-3),
         "operations": operations(),
         "profile": profile(sizes),
+        "trial_loop": trial_loops(sizes),
     }
 
 
@@ -295,6 +336,11 @@ def text(figures: dict[str, Any]) -> str:
         *(f"| {name} | {value:.4g} |" for name, value in figures["profile"].items()),
     ]
     lines += ["", "operations of a step: " + ", ".join(f"{n:.0f} {kind}" for kind, n in figures["operations"].items())]
+    lines += ["", "| trials of the whole graph, a bag each | of | a second | times real time |", "|---|---|---|---|"]
+    lines += [
+        f"| {r['trials']:.0f} | {r['duration_s']:g} s | {r['trials_a_second']:.1f} | {r['real_time_factor']:.0f} |"
+        for r in figures["trial_loop"]
+    ]
     return "\n".join(lines) + "\n"
 
 
