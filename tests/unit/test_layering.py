@@ -31,6 +31,7 @@ ROS_MODULES = {
     "fin_sim.markers",
     "fin_sim.message_template",
     "fin_sim.simulator",
+    "fin_sim.stream_messages",
 }
 # Physics, search and scoring: may never be listed above, and a renamed one must be renamed here.
 CORE_MODULES = {

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
 from std_srvs.srv import Trigger
 
@@ -34,21 +32,17 @@ from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
 from fin_sim.markers import fish_markers
-from fin_sim.message_template import MessageTemplate
+from fin_sim.pace import Pace
 from fin_sim.servo import Servo, TailDrive
+from fin_sim.stream_messages import STREAMS, StreamMessages
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
 PARAMETERS = ParameterTable({**PLANT_PARAMETERS, **SIMULATOR_PARAMETERS})
-# Samples computed and published between two looks at the callbacks: short enough that a service is answered within
-# some milliseconds, long enough that waiting for the listeners costs little.
-_SLICE = 25
-# More than this behind real time is given up, so that a machine that was asleep does not race to catch up.
-_LARGEST_LAG = 0.25
 # Each one quarters the step.
 _MOST_REFINEMENTS = 2
 _MARKERS_PER_SECOND = 10.0
@@ -74,40 +68,6 @@ def build_stepper(values: Mapping[str, Value]) -> dynamics.Stepper:
     sample_time = 1.0 / cast("float", values["sample_rate"])
     every = math.ceil(sample_time / cast("float", values["step"]) - 1e-9)
     return dynamics.Stepper(chain, sample_time / every, every)
-
-
-class Pace:
-    """How many samples are due by the wall clock."""
-
-    def __init__(self, sample_time: float) -> None:
-        self._sample_time = sample_time
-        self._speed = 1.0
-        self._start = time.monotonic()
-        self._done = 0
-
-    def set_speed(self, speed: float) -> None:
-        """Run at ``speed`` fish seconds a second from now on; 0 is as fast as possible."""
-        if speed != self._speed:
-            self._speed, self._start, self._done = speed, time.monotonic(), 0
-
-    def due(self) -> int:
-        """Return the number of samples to compute now, at most a slice."""
-        if self._speed == 0.0:
-            return _SLICE
-        behind = (time.monotonic() - self._start) * self._speed / self._sample_time - self._done
-        if behind * self._sample_time > _LARGEST_LAG * max(self._speed, 1.0):
-            self._start, self._done, behind = time.monotonic() - self._sample_time / self._speed, 0, 1.0
-        return min(max(int(behind), 0), _SLICE)
-
-    def advance(self, samples: int) -> None:
-        """Note that so many samples were computed."""
-        self._done += samples
-
-    def wait(self) -> float:
-        """Return the seconds until the next sample is due."""
-        if self._speed == 0.0:
-            return 0.0
-        return max(0.0, self._start + (self._done + 1) * self._sample_time / self._speed - time.monotonic())
 
 
 class Simulator:
@@ -154,9 +114,8 @@ class Simulator:
 
     def _offer(self) -> None:
         node = self.node
-        stream = [topics.JOINT_STATES, topics.POSE, topics.VELOCITY, topics.THRUST]
-        self._streams = [node.create_publisher(topic.type, topic.name, topic.qos) for topic in stream]
-        self._build_templates()
+        self._streams = [node.create_publisher(topic.type, topic.name, topic.qos) for topic in STREAMS]
+        self._messages = StreamMessages(self._stepper.chain)  # the joints' names depend on the fin
         self._markers = node.create_publisher(topics.MARKERS.type, topics.MARKERS.name, topics.MARKERS.qos)
         self._state_topic = node.create_publisher(
             topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos
@@ -178,45 +137,6 @@ class Simulator:
         self._gaits = node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
         node.create_service(Trigger, f"~/{topics.RESET_SERVICE}", self._on_reset)
         node.create_timer(1.0, self._publish_diagnostics)
-
-    def _build_templates(self) -> None:
-        """Learn the layout of the messages; the joints' names depend on the fin."""
-        chain = self._stepper.chain
-        tail = [f"tail_joint_{number + 1}" for number in range(sum(chain.driven))]
-        names = tail + [f"fin_hinge_{number + 1}" for number in range(len(chain.links) - len(tail))]
-        joints = len(names)
-
-        def joint_state(numbers: Sequence[float]) -> JointState:
-            message = JointState(name=names)
-            message.position, message.velocity = numbers[:joints], numbers[joints : 2 * joints]
-            message.effort = numbers[2 * joints :]
-            return message
-
-        def pose(numbers: Sequence[float]) -> PoseStamped:
-            message = PoseStamped()
-            message.header.frame_id = topics.TANK_FRAME
-            place, turn = message.pose.position, message.pose.orientation
-            place.x, place.y, turn.z, turn.w = numbers
-            return message
-
-        def velocity(numbers: Sequence[float]) -> TwistStamped:
-            message = TwistStamped()
-            message.header.frame_id = topics.BODY_FRAME
-            message.twist.linear.x, message.twist.linear.y, message.twist.angular.z = numbers
-            return message
-
-        def thrust(numbers: Sequence[float]) -> WrenchStamped:
-            message = WrenchStamped()
-            message.header.frame_id = topics.BODY_FRAME
-            message.wrench.force.x, message.wrench.force.y = numbers
-            return message
-
-        self._templates = [
-            MessageTemplate(joint_state, 3 * joints),
-            MessageTemplate(pose, 4),
-            MessageTemplate(velocity, 3),
-            MessageTemplate(thrust, 2),
-        ]
 
     # -- state -------------------------------------------------------------------------------------------------------
 
@@ -257,7 +177,7 @@ class Simulator:
         if len(self._fish_state) != len(self._stepper.start()):
             self._fish_state = self._stepper.start()  # another number of hinges: they start straight
             self._fish_state[: dynamics.BODY_STATES] = body
-            self._build_templates()
+            self._messages = StreamMessages(self._stepper.chain)
         if sum(self._stepper.chain.driven) != self._follower.joints:
             self._neutral()
         self._follower.set_ramp_time(self._number("drive.ramp_time"))
@@ -367,21 +287,8 @@ class Simulator:
         self._publish(np.array([self._stamp]), states, records)
 
     def _publish(self, stamps: NDArray[np.int64], states: NDArray[np.float64], records: NDArray[np.float64]) -> None:
-        first = dynamics.BODY_STATES
-        heading = states[:, dynamics.HEADING]
-        sine, cosine = np.sin(heading), np.cos(heading)
-        force_x, force_y = records[:, dynamics.FORCE_X], records[:, dynamics.FORCE_Y]
-        rows = [
-            np.concatenate((states[:, first:], records[:, dynamics.RECORD_HEAD :]), axis=1),
-            np.stack(
-                (states[:, dynamics.X], states[:, dynamics.Y], np.sin(heading / 2), np.cos(heading / 2)),
-                axis=1,
-            ),
-            states[:, [dynamics.SURGE, dynamics.SWAY, dynamics.YAW_RATE]],
-            np.stack((force_x * cosine + force_y * sine, force_y * cosine - force_x * sine), axis=1),
-        ]
-        for publisher, template, numbers in zip(self._streams, self._templates, rows, strict=True):
-            for message in template.fill(stamps, numbers):
+        for publisher, messages in zip(self._streams, self._messages.serialized(stamps, states, records), strict=True):
+            for message in messages:
                 publisher.publish(message)
         self._backlog += len(stamps)
         self._publish_clock()
