@@ -112,7 +112,7 @@ def test_a_short_study_runs_to_its_end_and_leaves_everything(start: Start, folde
     rows = table(folder)
     assert [row["outcome"] for row in rows] == ["OK"] * 4
     best = max(rows, key=lambda row: float(row["speed [m/s]"]))
-    shown = f"E {float(best[MODULUS]) / 1e9:.4g} GPa swims {float(best['speed [m/s]']) * 100:.3f} cm/s"
+    shown = f"E {float(best[MODULUS]) / 1e9:.4g} GPa swims {float(best['speed [m/s]']) * 100:#.4g} cm/s"
     assert f"best of 4 trials: {shown}" in study.output()
     assert (folder / "speed_over_modulus.png").read_bytes().startswith(b"\x89PNG")
     for row in rows:

@@ -99,6 +99,7 @@ def test_the_figure_is_drawn_with_and_without_a_curve(tmp_path: Path, with_curve
 def test_values_are_shown_in_a_laboratorys_units() -> None:
     assert report.show_values({MODULUS: 1.234e9, "fin.length": 0.08}) == "E 1.234 GPa, length 8 cm"
     assert report.show_speed(0.026612) == "2.661 cm/s"
+    assert report.show_speed(1.834e-06) == "0.0001834 cm/s"  # a swim of 0.2 s from rest
 
 
 def test_away_from_a_terminal_there_is_one_line_a_trial() -> None:

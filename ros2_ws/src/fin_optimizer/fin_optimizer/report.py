@@ -50,8 +50,8 @@ def show_values(values: Mapping[str, float]) -> str:
 
 
 def show_speed(speed: float) -> str:
-    """Return a speed given in m/s as cm/s, for example ``2.661 cm/s``."""
-    return f"{speed / _CM:.3f} cm/s"
+    """Return a speed given in m/s as cm/s with four digits, for example ``2.661 cm/s``."""
+    return f"{speed / _CM:#.4g} cm/s"
 
 
 def trials_table(trials: Sequence[TrialRecord], space: Sequence[Dimension]) -> str:
