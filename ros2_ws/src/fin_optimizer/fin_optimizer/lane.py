@@ -36,8 +36,10 @@ _GAIT_PERIOD = 0.25
 """s; the plant's command_timeout is twice that."""
 _LOOK_PERIOD = 0.02
 """s between two looks at facts that come without a callback: the graph, and time itself."""
-_SWIM_LOOK_PERIOD = 0.002
-"""s between two looks at the newest velocity: a swim far faster than real time must not go on after its window."""
+_FAST_LOOK_PERIOD = 0.002
+"""s, while a plant swims far faster than real time: it must not go on long after its window."""
+_MANY = 20
+"""Messages at one look that tell such a plant; in real time some ten come in a look period."""
 
 
 class Lane:
@@ -69,6 +71,7 @@ class Lane:
         self._facts = Observation(node, self.plant, self._recorder, namespace)
         self._gait_due: float | None = None
         self._look_due = 0.0
+        self._fast = False
         self._folder: Path | None = None
 
         def publisher(topic: Topic[Any]) -> Publisher:
@@ -110,7 +113,7 @@ class Lane:
             self.namespace, self._plan.fin_of(record.values), self._plan.measurement, self._plan.timeouts
         )
         self._facts.trial = self.trial
-        self._look_due = 0.0
+        self._look_due, self._fast = 0.0, False
         self.publish_candidate(record)
 
     def end(self) -> None:
@@ -119,7 +122,7 @@ class Lane:
 
     def advance(self, now: float) -> float:
         """Take the trial as far as the facts allow; return how long to wait for new ones, in s."""
-        self._recorder.listen()
+        taken = self._recorder.listen()
         trial = self.trial
         if trial is None:
             return LONGEST_PAUSE
@@ -131,8 +134,8 @@ class Lane:
                 before = trial.phase
                 for action in trial.update(now, self._facts):
                     self._carry_out(action, trial)
-            period = _SWIM_LOOK_PERIOD if trial.window is not None else _LOOK_PERIOD
-            self._look_due = time.monotonic() + period
+            self._fast = self._fast or taken > _MANY
+            self._look_due = time.monotonic() + (_FAST_LOOK_PERIOD if self._fast else _LOOK_PERIOD)
         if trial.result is not None:
             return 0.0
         return max(0.0, self._look_due - time.monotonic())

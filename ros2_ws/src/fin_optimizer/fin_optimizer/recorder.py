@@ -75,10 +75,9 @@ class Recorder:
         self._closing = threading.Event()
         self._job: Future[BagSummary] | None = None
 
-    def listen(self) -> None:
-        """Take what has arrived."""
-        for ear in self._ears.values():
-            ear.take_waiting()
+    def listen(self) -> int:
+        """Take what has arrived; return the number of messages."""
+        return sum(ear.take_waiting() for ear in self._ears.values())
 
     def unmatched(self, required: Iterable[Topic[Any]]) -> list[str]:
         """Return the names of those topics that have no publisher yet."""
@@ -247,18 +246,19 @@ class _Ear:
         """Record no longer."""
         self._recording = False
 
-    def take_waiting(self, limit: int = TAKEN_AT_ONCE) -> None:
-        """Take messages that have arrived."""
+    def take_waiting(self, limit: int = TAKEN_AT_ONCE) -> int:
+        """Take messages that have arrived; return their number."""
         raw = True
         with self._handle:
-            for _ in range(limit):
+            for count in range(limit):
                 taken = self._handle.take_message(self.topic.type, raw)
                 if taken is None:
-                    return
+                    return count
                 self.received += 1
                 self.last = taken[0]
                 if self._recording:
                     self._record(self.last)
+        return limit
 
     def _record(self, data: bytes) -> None:
         self._queue.append((self.name, data))
