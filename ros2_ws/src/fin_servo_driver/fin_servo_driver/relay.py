@@ -1,8 +1,6 @@
 """A tail pulled to either side by relays: which one is on when, and how long. Nothing here knows ROS or a port.
 
-With p the phase angle, a = amplitude / stroke and b = bias / stroke, left is wanted while sin p > cos(theta_L / 2) with
-theta_L = 2 asin(a + b), right while sin p < -cos(theta_R / 2) with theta_R = 2 asin(a - b): on-windows centred on the
-peaks, whose length is the duty.
+`three_level` says which side is wanted; what its relays stand decides whether it gets it.
 """
 
 from __future__ import annotations
@@ -11,7 +9,9 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fin_plant.gait import Gait, JointDrive
+import numpy as np
+
+from fin_plant.gait import Gait, JointDrive, three_level
 from fin_servo_driver.set_points import Outputs, require_rows
 
 if TYPE_CHECKING:
@@ -20,26 +20,9 @@ if TYPE_CHECKING:
     from fin_servo_driver.robot_file import RelayJoint, RelayTiming
 
 LEFT, OFF, RIGHT = 1, 0, -1
+"""As `three_level` has them."""
 HIGHEST_FREQUENCY = 5.0
 """Hz. Half a beat is then 100 ms: a dead time of 30 to 50 ms and the shortest on-time of 50 ms still fit in."""
-
-
-def wanted_level(phase_angle: float, amplitude: float, bias: float) -> int:
-    """Return LEFT, OFF or RIGHT.
-
-    Args:
-        phase_angle: p, rad.
-        amplitude: a, as a part of the stroke.
-        bias: b, as a part of the stroke.
-    """
-    sine = math.sin(phase_angle)
-    duty_left, duty_right = (min(max(part, 0.0), 1.0) for part in (amplitude + bias, amplitude - bias))
-    # cos(asin(x)) = sqrt(1 - x^2); a duty of 0 leaves only sin p > 1, which is never.
-    if sine > math.sqrt(1.0 - duty_left * duty_left):
-        return LEFT
-    if sine < -math.sqrt(1.0 - duty_right * duty_right):
-        return RIGHT
-    return OFF
 
 
 class RelaySwitch:
@@ -156,14 +139,16 @@ class RelayMotion:
 
     def outputs(self, now: float, scale: float) -> Outputs:
         """Return on (1) or off (0) for each relay; a tail that is being stopped has all off."""
+        drives, phase_angles = zip(*(ramp.at(now) for ramp in self._ramps), strict=True)
+        pairs = zip(drives, self._joints, strict=True)
+        amplitude, bias = np.array([(d.amplitude / joint.stroke, d.bias / joint.stroke) for d, joint in pairs]).T
+        wanted = three_level(np.array(phase_angles), amplitude, bias, 1.0)
         result: Outputs = {}
-        for index, (joint, switch, ramp) in enumerate(zip(self._joints, self.switches, self._ramps, strict=True)):
-            drive, phase_angle = ramp.at(now)
+        for index, (joint, switch, level) in enumerate(zip(self._joints, self.switches, wanted, strict=True)):
             if scale < 1.0:
                 switch.release(now)
             else:
-                level = wanted_level(phase_angle, drive.amplitude / joint.stroke, drive.bias / joint.stroke)
-                switch.step(level, now)
+                switch.step(int(level), now)
             self.angles[index] = switch.level * joint.stroke
             result[joint.left] = float(switch.level == LEFT)
             result[joint.right] = float(switch.level == RIGHT)

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
-from fin_servo_driver.backends import dynamixel, firmata, kmtronic, lcus, maestro, modbus
+from fin_servo_driver.backends import dynamixel, firmata, maestro, modbus
 from fin_servo_driver.emulator import packets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 _LONGEST_MESSAGE = 64
+
+
+class SwitchFrame(Protocol):
+    """Makes the frame that switches a relay."""
+
+    def __call__(self, channel: int, *, on: bool) -> bytes:
+        """Return its bytes."""
 
 
 class Device(ABC):
@@ -210,45 +217,26 @@ class Dynamixel(Device):
         return 0
 
 
-class Lcus(Device):
-    """An LCUS board: stays in its last state, answers nothing."""
+class SilentRelays(Device):
+    """A relay board that answers nothing and stays in its last state: LCUS, KMTronic."""
 
-    def __init__(self) -> None:
+    def __init__(self, switch_frame: SwitchFrame) -> None:
+        """Take what the board understands: the frame that switches a channel."""
         super().__init__()
+        self._frame = switch_frame
+        self._length = len(switch_frame(1, on=True))
         self._waiting = bytearray()
 
     def feed(self, data: bytes, now: float) -> bytes:
-        """Take bytes."""
+        """Take bytes; what is no frame is skipped byte by byte."""
         del now
         self._waiting += data
-        while len(self._waiting) >= 4:  # noqa: PLR2004 - A0 channel state sum
-            channel, state = self._waiting[1], self._waiting[2]
-            if state in {0, 1} and self._waiting[:4] == lcus.switch_frame(channel, on=bool(state)):
+        while len(self._waiting) >= self._length:
+            channel, state = self._waiting[1], self._waiting[2]  # in both makers' frames
+            if state in {0, 1} and self._waiting[: self._length] == self._frame(channel, on=bool(state)):
                 self.outputs[channel] = float(state)
                 self.frames += 1
-                del self._waiting[:4]
-            else:
-                del self._waiting[:1]
-        return b""
-
-
-class Kmtronic(Device):
-    """A KMTronic board: stays in its last state, answers nothing."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._waiting = bytearray()
-
-    def feed(self, data: bytes, now: float) -> bytes:
-        """Take bytes."""
-        del now
-        self._waiting += data
-        while len(self._waiting) >= 3:  # noqa: PLR2004 - FF channel state
-            channel, state = self._waiting[1], self._waiting[2]
-            if state in {0, 1} and self._waiting[:3] == kmtronic.switch_frame(channel, on=bool(state)):
-                self.outputs[channel] = float(state)
-                self.frames += 1
-                del self._waiting[:3]
+                del self._waiting[: self._length]
             else:
                 del self._waiting[:1]
         return b""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fin_servo_driver.backends import kmtronic, lcus
 from fin_servo_driver.emulator import devices
 from fin_servo_driver.robot_file import ServoJoint
 
@@ -28,8 +29,8 @@ def device_for(robot: Robot, angle_of: Callable[[int], float]) -> devices.Device
     makers: dict[str, Callable[[], devices.Device]] = {
         "dynamixel": lambda: devices.Dynamixel(list(servos), present),
         "firmata": devices.Firmata,
-        "kmtronic": devices.Kmtronic,
-        "lcus": devices.Lcus,
+        "kmtronic": lambda: devices.SilentRelays(kmtronic.switch_frame),
+        "lcus": lambda: devices.SilentRelays(lcus.switch_frame),
         "maestro": devices.Maestro,
         "modbus": lambda: devices.Modbus(int(str(robot.options.get("unit", 1)))),
     }
