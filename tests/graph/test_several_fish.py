@@ -69,6 +69,21 @@ def test_a_fish_that_is_killed_is_left_out_and_its_fin_is_swum_by_the_other(star
     assert f"trial {interrupted.number:04d}" in study.output()
 
 
+def test_a_fin_that_failed_on_every_fish_is_tried_again_until_it_is_given_up(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    short = parameters("command_timeout:=0.1")  # the gait comes four times a second: each swim ends early
+    fish = [start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={name}", *short) for name in FISH]
+    for one in fish:
+        one.wait_for_output("kernel ready")
+    words = (f"study_folder:={folder}", f"plants:=[{','.join(FISH)}]", "trials:=1", "attempts:=4")
+    study = start("fin_optimizer", "optimizer", "--ros-args", *parameters(*words, "failures_in_a_row:=100"))
+    assert study.wait(60) == 1
+    trials = read_trials(folder)
+    assert [trial.outcome for trial in trials] == [Outcome.FAILED] * 4
+    assert {trial.plant for trial in trials[:2]} == set(FISH), "it first tries the other one"
+    assert "no trial gave a score" in study.output()
+
+
 def test_a_fish_in_fault_is_left_out_and_takes_part_again_after_its_reset(
     start: Start, tmp_path: Path, call: Callable[[str], Any]
 ) -> None:

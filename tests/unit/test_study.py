@@ -12,7 +12,7 @@ import pytest
 
 from fin_optimizer.journal import StudyError
 from fin_optimizer.search import Dimension, HillClimber, Space
-from fin_optimizer.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study
+from fin_optimizer.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study, is_for_another
 from fin_optimizer.trial import Outcome, Result
 
 if TYPE_CHECKING:
@@ -189,6 +189,30 @@ def test_a_fin_is_tried_again_until_it_is_settled(folder: Path, results: list[Re
     values = [swim(study, result) for result in results]
     assert len(set(values)) == 1
     assert (study.settled(), following(study)[0]) == ((1, 1) if settled else (0, 0))
+
+
+@pytest.mark.parametrize(
+    ("failed_on", "there", "elsewhere"),
+    [
+        ("", "ab", False),
+        ("b", "ab", False),
+        ("a", "ab", True),
+        ("ab", "ab", False),
+        ("a", "a", False),
+        ("ab", "abc", True),
+        ("abc", "abc", False),
+    ],
+)
+def test_a_fin_that_failed_on_a_fish_is_swum_by_another_as_long_as_there_is_one_where_it_did_not_fail(
+    folder: Path, failed_on: str, there: str, elsewhere: bool
+) -> None:
+    study = Study.create(folder, Settings(SPACE, Policy(attempts=10)))
+    for plant in failed_on:
+        study.propose(*following(study), plant)
+        study.finish(len(study.trials) - 1, FAILED)
+    record = study.propose(*following(study), "c")  # an interruption says nothing about the fish
+    study.finish(record.number, INTERRUPTED)
+    assert is_for_another(study.candidates[0], "a", list(there)) is elsewhere
 
 
 def test_repeats_of_a_fin_are_averaged(folder: Path) -> None:

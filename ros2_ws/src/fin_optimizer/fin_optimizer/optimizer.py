@@ -24,7 +24,7 @@ from fin_optimizer.plan import Plan
 from fin_optimizer.progress import display, show_best
 from fin_optimizer.provenance import provenance
 from fin_optimizer.repair_bags import repair_bags
-from fin_optimizer.study import front
+from fin_optimizer.study import front, is_for_another
 from fin_optimizer.trial import Outcome, Result
 from fin_plant import node_process, topics
 from fin_plant.messages import key_values
@@ -176,8 +176,8 @@ class Optimizer:
             following = self._study.next_candidate(self._plan.search, self._total)
             if following is None:  # what it depends on is still swimming
                 break
-            if self._failed_here(lane, following[0]) and len(self._left_out) + 1 < len(self._lanes):
-                continue  # what failed here is swum elsewhere
+            if self._is_for_another(lane, following[0]):
+                continue
             record = self._study.propose(*following, lane.namespace)
             lane.begin(self._study.start(record.number), self._study.folder)
             self._display.begin(record)
@@ -186,11 +186,11 @@ class Optimizer:
             self._all_left_out()
         return wait
 
-    def _failed_here(self, lane: Lane, candidate: int) -> bool:
-        """Whether this fish has tried the candidate before, and failed."""
+    def _is_for_another(self, lane: Lane, candidate: int) -> bool:
+        """Whether the candidate, which failed on this fish, is left to another one that takes part."""
+        there = [each.namespace for each in self._lanes if each.namespace not in self._left_out]
         tried = self._study.candidates[candidate : candidate + 1]
-        failed = [t for each in tried for t in each.trials if t.outcome is Outcome.FAILED and not t.interrupted]
-        return any(trial.plant == lane.namespace for trial in failed)
+        return any(is_for_another(each, lane.namespace, there) for each in tried)
 
     def _takes_part(self, lane: Lane) -> bool:
         """Whether the fish gets trials. The only one always does: what ails it is the trial's to find and to tell."""

@@ -197,6 +197,18 @@ def candidates(trials: Iterable[TrialRecord]) -> list[Candidate]:
     return [Candidate(number, group[0].values, tuple(group)) for number, group in sorted(groups.items())]
 
 
+def is_for_another(candidate: Candidate, plant: str, plants: Iterable[str]) -> bool:
+    """Return whether the candidate failed on this fish and not yet on every other one.
+
+    Args:
+        candidate: What is to be swum.
+        plant: Namespace of the fish that could swim it now.
+        plants: Namespaces of all fish that take part.
+    """
+    failed_on = {t.plant for t in candidate.trials if t.outcome is Outcome.FAILED and not t.interrupted}
+    return plant in failed_on and any(other not in failed_on for other in plants)
+
+
 def history(tried: Sequence[Candidate]) -> list[Evaluation]:
     """Return what a search is told of these candidates: a score for those that have one, never NaN."""
     return [candidate.evaluation for candidate in tried]
