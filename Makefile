@@ -39,9 +39,13 @@ campaign: setup ## the paper's experiments, figures and numbers, in runs/campaig
 	@./run fin_optimizer campaign $(ARGS)
 
 .PHONY: bench
-bench: setup ## how fast fish swim and trials run, beside MuJoCo and SciPy; ARGS="--quick" for a look
+bench: setup ## how fast fish swim and trials run, how late the servo driver ticks; ARGS="--quick" for a look
 	@$(environment) && python -m pip install --quiet --requirement requirements/bench.txt
 	@./run fin_optimizer bench $(ARGS)
+ifeq ($(filter --json --help -h,$(ARGS)),) # whose output is to stay whole
+	@echo
+	@$(environment) && python -m fin_optimizer.lateness $(if $(filter --quick,$(ARGS)),--seconds 10)
+endif
 
 .PHONY: lint
 lint: setup ## ruff, mypy in strict mode, and shellcheck where it is installed
