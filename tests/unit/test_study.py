@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -12,8 +13,9 @@ import pytest
 
 from fin_optimizer.journal import StudyError
 from fin_optimizer.search import Dimension, HillClimber, Space
-from fin_optimizer.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study, is_for_another
+from fin_optimizer.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study, is_for_another, read_settings
 from fin_optimizer.trial import Outcome, Result
+from support.simultaneous_studies import begin_together
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -277,7 +279,38 @@ def test_a_folder_in_use_or_not_a_study_is_refused(folder: Path, tmp_path: Path)
 def test_a_creation_that_a_kill_cut_short_is_begun_again(folder: Path) -> None:
     folder.mkdir(parents=True)
     (folder / "study.json.partial").write_text('{"form')
+    (folder / "study.json.8kzj2x_q.partial").write_text("{")
     swim(Study.create(folder, SETTINGS))
+
+
+def test_of_several_optimisers_that_begin_a_study_at_the_same_moment_one_has_it_and_the_others_are_told(
+    tmp_path: Path,
+) -> None:
+    folders = [tmp_path / f"study {number}" for number in range(40)]
+    for folder, words in zip(folders, begin_together(folders, processes=3), strict=True):
+        winner = words.index("")
+        assert read_settings(folder).details["seed"] == winner, "the winner works with other settings than it wrote"
+        refusals = [word for seed, word in enumerate(words) if seed != winner]
+        assert all(word.startswith(f"StudyError: {folder} holds a study already") for word in refusals), words
+        assert not list(folder.glob("*.partial"))
+
+
+def test_a_study_is_begun_where_the_file_system_has_no_hard_links(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def link(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")  # what vfat says
+
+    monkeypatch.setattr(os, "link", link)
+    study = Study.create(folder, SETTINGS)
+    swim(study)
+    with pytest.raises(StudyError, match="another optimiser is working on"):
+        Study.open(folder, SETTINGS)
+    with pytest.raises(StudyError, match="holds a study already"):
+        Study.create(folder, SETTINGS)
+    study.close()
+    assert len(Study.open(folder, SETTINGS).trials) == 1
+    assert not list(folder.glob("*.partial"))
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,12 @@ A study's folder holds ``study.json`` (settings, written once), ``journal.log``,
 from __future__ import annotations
 
 import contextlib
+import errno
 import fcntl
 import json
 import os
 import statistics
+import uuid
 import warnings
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -47,6 +49,9 @@ FORMAT = 1
 SETTINGS_FILE = "study.json"
 JOURNAL_FILE = "journal.log"
 BAG_FOLDER = "bags"
+_PARTIAL = ".partial"
+_NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS}
+"""What os.link says on vfat and exFAT, on CIFS, and in user space."""
 _STUDY_NAME = "study"
 _KILLED = "interrupted: the optimiser's process ended before the trial did"
 
@@ -323,20 +328,15 @@ class Study:
             OSError: The folder cannot be written.
         """
         if (folder / SETTINGS_FILE).exists():
-            msg = f"{folder} holds a study already: open it to go on with it, or choose another folder"
-            raise StudyError(msg)
-        partial = folder / (SETTINGS_FILE + ".partial")
-        if folder.exists() and any(entry != partial for entry in folder.iterdir()):
+            raise _begun_already(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(not entry.match(f"{SETTINGS_FILE}*{_PARTIAL}") for entry in folder.iterdir()):
+            if (folder / SETTINGS_FILE).exists():  # by now
+                raise _begun_already(folder)
             msg = f"{folder} is neither empty nor a study's folder: choose another one"
             raise StudyError(msg)
-        folder.mkdir(parents=True, exist_ok=True)
-        with partial.open("w", encoding="utf-8") as file:
-            file.write(settings.to_json())
-            file.flush()
-            os.fsync(file.fileno())
-        partial.rename(folder / SETTINGS_FILE)
         with contextlib.ExitStack() as unless_all_is_well:
-            lock = unless_all_is_well.enter_context(_locked(folder))
+            lock = unless_all_is_well.enter_context(_written_settings(folder, settings))
             study = cls(folder, settings, lock, [])
             _sync_folder(folder)
             unless_all_is_well.pop_all()
@@ -593,16 +593,73 @@ def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
     )
 
 
+def _begun_already(folder: Path) -> StudyError:
+    return StudyError(f"{folder} holds a study already: open it to go on with it, or choose another folder")
+
+
+def _written_settings(folder: Path, settings: Settings) -> TextIO:
+    """Write the settings file, which must be new, and return it, locked: it appears whole and locked, or not at all.
+
+    Raises:
+        StudyError: Another process was quicker; its file is as it was.
+        OSError: The folder cannot be written.
+    """
+    final, partial = folder / SETTINGS_FILE, folder / f"{SETTINGS_FILE}.{uuid.uuid4().hex}{_PARTIAL}"
+    with contextlib.ExitStack() as unless_all_is_well:
+        file = unless_all_is_well.enter_context(partial.open("x", encoding="utf-8"))
+        unless_all_is_well.callback(partial.unlink)
+        _lock(file, folder)
+        _write_through(file, settings.to_json())
+        try:
+            os.link(partial, final)
+        except FileExistsError:
+            raise _begun_already(folder) from None
+        except OSError as error:
+            if error.errno not in _NO_HARD_LINKS:
+                raise
+            return _written_in_place(final, settings)
+        unless_all_is_well.pop_all()
+    partial.unlink()
+    return file
+
+
+def _written_in_place(final: Path, settings: Settings) -> TextIO:
+    """Do the same on a stick or a share without hard links; a kill meanwhile leaves a file that `open` refuses."""
+    with contextlib.ExitStack() as unless_all_is_well:
+        try:
+            file = unless_all_is_well.enter_context(final.open("x", encoding="utf-8"))
+        except FileExistsError:
+            raise _begun_already(final.parent) from None
+        unless_all_is_well.callback(final.unlink)
+        _lock(file, final.parent)
+        _write_through(file, settings.to_json())
+        unless_all_is_well.pop_all()
+    return file
+
+
+def _write_through(file: TextIO, text: str) -> None:
+    file.write(text)
+    file.flush()
+    os.fsync(file.fileno())
+
+
 def _locked(folder: Path) -> TextIO:
     """Return the settings file, locked for this process until it is closed or the process ends."""
     file = (folder / SETTINGS_FILE).open(encoding="utf-8")
     try:
+        _lock(file, folder)
+    except StudyError:
+        file.close()
+        raise
+    return file
+
+
+def _lock(file: TextIO, folder: Path) -> None:
+    try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        file.close()
         msg = f"another optimiser is working on {folder}: stop it first, or choose another folder"
         raise StudyError(msg) from None
-    return file
 
 
 def _repaired(journal: Path) -> list[str]:
