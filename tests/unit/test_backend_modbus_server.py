@@ -7,6 +7,7 @@ import os
 import pty
 import select
 import threading
+import time
 import tty
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.backends.modbus import Modbus
-from fin_servo_driver.line import LineStalledError, WrongDeviceError
+from fin_servo_driver.line import LineStalledError
 from fin_servo_driver.port import SerialLine
 
 if TYPE_CHECKING:
@@ -117,10 +118,13 @@ def test_relays_switch_on_and_off_as_a_foreign_client_reads_them(board: str) -> 
         assert "Modbus relays, unit 1" in subject.identify(line)
         subject.enable(line, {0: 0.0, 1: 0.0})
         subject.send(line, dict(outputs))
+        time.sleep(subject.robot.timing.dead_time)
+        subject.send(line, dict(outputs))
         line.close()
         assert read_with_somebody_elses_client(board) == expected
     line = SerialLine(board, 9600)
     subject.send(line, {0: 1.0, 1: 0.0})
+    assert read_with_somebody_elses_client(board) == [1, 0]
     subject.disable(line)
     line.close()
     assert read_with_somebody_elses_client(board) == [0, 0]
@@ -138,6 +142,9 @@ def test_another_unit_is_not_taken_for_ours(board: str) -> None:
         {"device": "modbus", "joints": [{"left": 0, "right": 1}], "options": {"unit": 9}, "port": board}
     )
     line = SerialLine(board, 9600)
-    with pytest.raises(WrongDeviceError, match=r"unit 9 did not switch relay 0: .* check options: unit"):
-        backends.make(robot).identify(line)
+    other = backends.make(robot)
+    # This server answers for every unit that is asked for, with a refusal.
+    assert "unit 9" in other.identify(line)
+    with pytest.raises(LineStalledError, match=r"unit 9 did not switch relay 0: .* check options: unit"):
+        other.disable(line)
     line.close()

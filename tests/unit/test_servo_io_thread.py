@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from fin_plant.gait import PAPER_GAIT
-from fin_servo_driver import backends, robot_file
-from fin_servo_driver.emulator.devices import Firmata
+from fin_servo_driver import backends, io_thread, robot_file
+from fin_servo_driver.emulator.devices import Device, Dynamixel, Firmata
 from fin_servo_driver.emulator.emulate import device_for
 from fin_servo_driver.emulator.pty_port import PtyPort
 from fin_servo_driver.io_thread import IoThread, Mailbox
@@ -59,7 +59,7 @@ class Rig:
         return any(value if relays else value is not None for value in self.port.device.outputs.values())
 
 
-def rig_of(name: str, folder: Path, device: Firmata | None = None) -> Rig:
+def rig_of(name: str, folder: Path, device: Device | None = None) -> Rig:
     robot = robot_file.load(robot_file.find(name))
     backend = backends.make(robot)
     motion: Motion
@@ -151,6 +151,122 @@ def test_a_dynamixel_stops_by_its_bus_watchdog_when_its_driver_is_gone(tmp_path:
     line.close()
     made.thread.close()
     made.port.close()
+
+
+@pytest.mark.parametrize("rig", ["dynamixel", "maestro", "modbus"], indirect=True)
+def test_a_device_that_keeps_its_power_over_a_replug_is_disabled_when_it_is_back(rig: Rig) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    rig.port.unplug(powered=True)
+    rig.repeat_until(lambda: not rig.thread.health.connected, 2.0, "loss")
+    rig.thread.cut()
+    rig.port.plug()
+    wait_until(lambda: rig.thread.health.connected, RECOVERY, "reconnection")
+    assert not rig.driven()
+
+
+@pytest.mark.parametrize(("name", "channel", "value"), [("maestro", 0, 1700.0), ("modbus", 0, 1.0), ("lcus", 1, 1.0)])
+def test_what_a_killed_driver_has_left_on_ends_when_the_next_one_is_configured(
+    tmp_path: Path, name: str, channel: int, value: float
+) -> None:
+    made = rig_of(name, tmp_path)
+    made.port.device.outputs[channel] = value
+    assert made.driven()
+    made.thread.start()
+    wait_until(lambda: not made.driven(), 1.0, "silence")
+    assert made.thread.health.phase is Phase.DISARMED
+    made.thread.close()
+    made.port.close()
+
+
+@pytest.mark.parametrize("rig", ["dynamixel", "modbus"], indirect=True)
+def test_a_cut_whose_frames_are_lost_is_repeated_until_the_device_has_taken_it(rig: Rig) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    rig.port.silent = True
+    rig.thread.cut()
+    wait_until(lambda: any("while making the device safe" in text for text in rig.reports), 3.0, "a failed cut")
+    assert rig.driven()
+    rig.port.silent = False
+    wait_until(lambda: not rig.driven(), 3.0, "silence")
+
+
+def test_a_board_that_starts_anew_by_itself_is_a_fault_and_waits_for_a_fresh_gait(tmp_path: Path) -> None:
+    class BrownOut(Firmata):
+        restarts = False
+
+        def feed(self, data: bytes, now: float) -> bytes:
+            if self.restarts:
+                self.restarts = False
+                return self.opened(now)
+            return super().feed(data, now)
+
+    board = BrownOut()
+    made = rig_of("firmata", tmp_path, board)
+    made.thread.start()
+    arm(made)
+    made.repeat_until(lambda: made.thread.health.ticks > 60, 3.0, "more than a second of set-points")
+    board.restarts = True
+    made.repeat_until(lambda: not made.thread.health.connected, 1.0, "loss")
+    assert "started anew by itself" in made.thread.health.reason
+    wait_until(lambda: made.thread.health.connected, RECOVERY, "reconnection")
+    assert not made.driven()
+    made.repeat_until(made.driven, 2.0, "motion after a fresh gait")
+    made.thread.close()
+    made.port.close()
+
+
+def test_a_servo_outside_its_range_is_not_made_to_jump_into_it(tmp_path: Path) -> None:
+    robot = robot_file.load(robot_file.find("dynamixel"))
+    beyond = 1.1 * max(abs(robot.servos[0].angle_at(end)) for end in (robot.servos[0].lowest, robot.servos[0].highest))
+    angle = [beyond]
+    made = rig_of("dynamixel", tmp_path, device_for(robot, lambda _: angle[0]))
+    made.thread.start()
+    arm(made)
+    made.repeat_until(lambda: made.thread.health.refusal, 2.0, "refusal")
+    assert "joint 1 stands at" in made.thread.health.refusal
+    assert "bring the tail inside by hand" in made.thread.health.refusal
+    assert not made.driven()
+    angle[0] = 0.1
+    made.repeat_until(made.driven, 2.0, "motion")
+    assert made.thread.health.refusal == ""
+    made.thread.close()
+    made.port.close()
+
+
+def test_a_servo_that_does_not_tell_where_it_stands_is_not_started(tmp_path: Path) -> None:
+    class Mute(Dynamixel):
+        mute = True
+
+        def feed(self, data: bytes, now: float) -> bytes:
+            asks_positions = b"\x82\x84\x00\x04\x00" in data  # a sync read of the present positions
+            return b"" if self.mute and asks_positions else super().feed(data, now)
+
+    robot = robot_file.load(robot_file.find("dynamixel"))
+    bus = Mute([joint.channel for joint in robot.servos], lambda _: 1600.0)
+    made = rig_of("dynamixel", tmp_path, bus)
+    made.thread.start()
+    arm(made)
+    made.repeat_until(lambda: made.thread.health.refusal, 0.4, "refusal")
+    assert not made.driven()
+    made.thread.close()
+    made.port.close()
+
+
+def test_a_complaint_of_the_device_is_told_for_some_seconds_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(io_thread, "_FAULT_SHOWN", 0.2)
+    line = Broken()
+    thread, _ = thread_on(line, [])
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    line.failure = LineStalledError("took no bytes")
+    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+    wait_until(lambda: thread.health.fault == "took no bytes", 1.0, "complaint")
+    line.failure = None
+    wait_until(lambda: thread.health.fault == "", 2.0, "the end of the complaint")
+    assert thread.health.connected
+    thread.close()
 
 
 def leaks() -> tuple[int, int]:
@@ -268,8 +384,7 @@ def thread_on(line: Broken, reports: list[str]) -> tuple[IoThread, Motion]:
     return IoThread(backend, motion, Settings(0.5, 0.2), lambda: line, "fake://", reports.append), motion
 
 
-def test_a_line_that_is_behind_gets_no_more_set_points(tmp_path: Path) -> None:
-    del tmp_path
+def test_a_line_that_is_behind_gets_no_more_set_points_and_is_lost_if_it_stays_so() -> None:
     line = Broken(behind=True)
     thread, motion = thread_on(line, [])
     thread.start()
@@ -277,7 +392,13 @@ def test_a_line_that_is_behind_gets_no_more_set_points(tmp_path: Path) -> None:
     assert thread.wait_for({Phase.SILENT}, 1.0)
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
     wait_until(lambda: thread.health.dropped > 3, 2.0, "dropped set-points")
-    assert bytes(line.written) in {b"", b"\xf9"}
+    assert bytes(line.written) in {b"\xff", b"\xff\xf9"}  # disabled at the start, and asked for a sign of life
+    begin = time.monotonic()
+    while thread.health.connected:
+        assert time.monotonic() - begin < 2.0
+        thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+        time.sleep(0.01)
+    assert "the line is behind" in thread.health.reason
     thread.close()
     assert line.closed
     assert motion.joints == 1

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -210,6 +211,30 @@ def test_a_cut_silences_at_once_and_what_was_sent_before_counts_no_more() -> Non
     assert tail.tick(2.34) is None
     assert tail.command(Command(PAPER_GAIT, 2.36), {})
     assert tail.tick(2.36) == NEUTRAL
+
+
+def test_a_gait_received_before_somebody_asked_for_something_counts_no_more() -> None:
+    tail = armed()
+    waiting_in_the_mailbox = Command(PAPER_GAIT, 1.00)
+    tail.refuse_before(1.01)
+    tail.stop(1.02)
+    assert not tail.command(waiting_in_the_mailbox, {})
+    assert tail.tick(1.02) is None
+    # One that came after it, though before the request was carried out, does.
+    assert tail.command(Command(PAPER_GAIT, 1.015), {})
+
+
+def test_a_slow_joint_is_led_to_neutral_at_its_own_rate() -> None:
+    slow = ServoMotion([replace(JOINT, rate=0.3)], PERIOD)
+    tail = armed(None, subject=slow)
+    tail.command(Command(Gait((JointDrive(0.0, 0.9, 0.0, math.radians(15.0)),)), 1.0), {})
+    standing = positions(drive(tail, 1.0, 4.0, None))[-1]
+    assert standing == pytest.approx(1650.0, abs=0.1)
+    tail.stop(4.0)
+    way = positions(drive(tail, 4.0, 4.0 + slow.stop_time, None))
+    assert max(np.abs(np.diff([standing, *way]))) <= 573.0 * 0.3 * PERIOD * 1.001
+    assert way[-1] == pytest.approx(1500.0, abs=0.1)
+    assert motion().stop_time == 0.4
 
 
 def test_a_gait_during_the_stop_is_not_followed() -> None:

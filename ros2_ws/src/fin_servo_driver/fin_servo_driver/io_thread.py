@@ -31,6 +31,10 @@ STALLED_SECONDS = 0.5
 _LATENESSES_KEPT = 1000
 _SAMPLES_KEPT = 1000
 _IDLE_LOOK = 0.05
+_FAULT_SHOWN = 5.0
+"""s for which a complaint of the device is told; one that goes on is told anew."""
+_START_SECONDS = 0.2
+"""s for which a start is tried again while the servos do not tell where they stand."""
 _JOIN_SECONDS = 10.0
 
 
@@ -58,6 +62,11 @@ class Mailbox:
         """Leave a command."""
         with self._lock:
             self._command = command
+
+    def put_back(self, command: Command) -> None:
+        """Leave a command that was taken out, unless a newer one has come."""
+        with self._lock:
+            self._command = self._command or command
 
     def take(self) -> Command | None:
         """Take the command out, None if there is none."""
@@ -99,7 +108,8 @@ class Health:
         timeouts: How often the commander fell silent.
         voltage: V, None where it is not reported.
         temperature: Degrees Celsius, None where it is not reported.
-        fault: What the device complains about.
+        fault: What the device complains about, or has complained about in the last seconds.
+        refusal: Why the tail did not start at the last command, empty since it has.
         operations: Of each relay's channel.
     """
 
@@ -117,6 +127,7 @@ class Health:
     voltage: float | None = None
     temperature: float | None = None
     fault: str = ""
+    refusal: str = ""
     operations: Mapping[int, int] = field(default_factory=dict)
 
 
@@ -157,7 +168,8 @@ class IoThread:
         self._last_good = 0.0
         self._back_off = BackOff()
         self._latenesses: deque[float] = deque(maxlen=_LATENESSES_KEPT)
-        self._asked: deque[str] = deque()
+        self._fault_at = 0.0
+        self._asked: deque[tuple[str, float]] = deque()
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._run, name="servo I/O", daemon=False)
 
@@ -227,7 +239,7 @@ class IoThread:
         return self._thread.is_alive()
 
     def _ask(self, what: str) -> None:
-        self._asked.append(what)
+        self._asked.append((what, time.monotonic()))
         self._wake.set()
 
     # -- the thread --------------------------------------------------------------------------------------------------
@@ -239,7 +251,7 @@ class IoThread:
         try:
             while True:
                 now = time.monotonic()
-                if not self._obey(now):
+                if not self._obey():
                     return
                 if self._line is None:
                     self._reconnect(now)
@@ -268,11 +280,14 @@ class IoThread:
             self.health = replace(self.health, missed=self.health.missed + missed)
         return due + (missed + 1) * period
 
-    def _obey(self, now: float) -> bool:
-        """Do what the node has asked for; return False to end."""
+    def _obey(self) -> bool:
+        """Do what the node has asked for; return False to end. Commands received before it count no more."""
         self._wake.clear()
         while self._asked:
-            match self._asked.popleft():
+            what, asked_at = self._asked.popleft()
+            self._tail.refuse_before(asked_at)
+            now = time.monotonic()
+            match what:
                 case "arm":
                     self._tail.arm(now)
                 case "disarm":
@@ -292,7 +307,8 @@ class IoThread:
             self._tick(now)
             self._last_good = now
         except LineStalledError as error:
-            self.health = replace(self.health, dropped=self.health.dropped + 1, fault=str(error))
+            self.health = replace(self.health, dropped=self.health.dropped + 1)
+            self._note_fault(str(error))
             if time.monotonic() - self._last_good > STALLED_SECONDS:
                 self._lose(str(error))
         except DeviceError as error:
@@ -310,14 +326,35 @@ class IoThread:
             if self._enabled:
                 self._settle(line)
         elif line.is_behind():
-            self.health = replace(self.health, dropped=self.health.dropped + 1)
+            msg = "the line is behind: the device takes its bytes too slowly; is its baud rate the configured one?"
+            raise LineStalledError(msg)
         else:
             self._send(line, outputs)
         self._listen(line, now)
 
     def _take(self, command: Command) -> None:
-        measured = self._feedback.positions if self._tail.phase is Phase.SILENT else {}
-        self._tail.command(command, measured)
+        if self._tail.phase is not Phase.SILENT or not self._tail.accepts(command):
+            self._tail.command(command, {})
+            return
+        refusal = self._cannot_start()
+        self.health = replace(self.health, refusal=refusal)
+        if not refusal:
+            self._tail.command(command, self._feedback.positions)
+        elif time.monotonic() - command.time < _START_SECONDS:
+            self.mailbox.put_back(command)
+
+    def _cannot_start(self) -> str:
+        """Return why the tail must not start from where it stands, or an empty text; it could only jump from there."""
+        if not self._backend.measures:
+            return ""
+        for number, joint in enumerate(self._backend.robot.servos, start=1):
+            position = self._feedback.positions.get(joint.channel)
+            if position is None:
+                return f"joint {number}: its servo does not tell where it stands"
+            if not joint.lowest <= position <= joint.highest:
+                allowed = f"[{joint.lowest:g}, {joint.highest:g}] {self._backend.unit}"
+                return f"joint {number} stands at {position:g}, outside {allowed}: bring the tail inside by hand"
+        return ""
 
     def _send(self, line: OpenLine, outputs: Outputs) -> None:
         if not self._enabled:
@@ -327,10 +364,12 @@ class IoThread:
         self.health = replace(self.health, ticks=self.health.ticks + 1)
 
     def _settle(self, line: OpenLine) -> None:
-        """Give the servo its neutral, then take its force."""
-        self._backend.send(line, self._motion.neutral())
-        line.drain(NEUTRAL_HOLD)
-        self._backend.disable(line)
+        """Give the servo its neutral, then take its force; until that has worked it is tried at each tick."""
+        try:
+            self._backend.send(line, self._motion.neutral())
+            line.drain(NEUTRAL_HOLD)
+        finally:
+            self._backend.disable(line)
         self._enabled = False
 
     def _listen(self, line: OpenLine, now: float) -> None:
@@ -338,7 +377,7 @@ class IoThread:
         if feedback.voltage is not None or feedback.temperature is not None:
             self.health = replace(self.health, voltage=feedback.voltage, temperature=feedback.temperature)
         if feedback.fault:
-            self.health = replace(self.health, fault=feedback.fault)
+            self._note_fault(feedback.fault)
         if self._tail.phase is Phase.DISARMED:
             return
         servos = self._backend.robot.servos
@@ -349,12 +388,17 @@ class IoThread:
             angles = self._motion.angles if self._enabled else [0.0] * self._motion.joints
         self.samples.append(Sample(now, tuple(angles), measured))
 
+    def _note_fault(self, text: str) -> None:
+        self._fault_at = time.monotonic()
+        self.health = replace(self.health, fault=text)
+
     # -- the line ----------------------------------------------------------------------------------------------------
 
     def _connect(self) -> None:
         line = self._open_line()
         try:
             identity = self._backend.identify(line)
+            self._backend.disable(line)  # whatever an earlier driver, or this one before the cable was out, has left
         except DeviceError:
             line.close()
             raise
@@ -388,20 +432,28 @@ class IoThread:
         self._report(reason)
 
     def _make_safe(self, hold: float = NEUTRAL_HOLD) -> None:
-        """Send neutral and disable straight to the port; what fails is reported and does not stop the rest."""
+        """Send neutral and disable straight to the port; what fails is reported and does not stop the rest.
+
+        A device that could not be disabled counts as enabled, so that the next tick tries again.
+        """
         line = self._line
         if line is None:
             return
-        steps: list[Callable[[], None]] = [lambda: self._backend.disable(line)]
         if self._enabled:
-            steps = [lambda: self._backend.send(line, self._motion.neutral()), lambda: time.sleep(hold), *steps]
-        for step in steps:
-            try:
-                step()
-            except DeviceError as error:
-                self._report(f"while making the device safe: {error}")
+            self._attempt(lambda: self._backend.send(line, self._motion.neutral()))
+            time.sleep(hold)
+        if self._attempt(lambda: self._backend.disable(line)):
+            self._enabled = False
         line.drain(NEUTRAL_HOLD)
-        self._enabled = False
+
+    def _attempt(self, work: Callable[[], None]) -> bool:
+        """Do it, report a failure, and return whether it worked."""
+        try:
+            work()
+        except DeviceError as error:
+            self._report(f"while making the device safe: {error}")
+            return False
+        return True
 
     def _disconnect(self) -> None:
         if self._line is not None:
@@ -410,6 +462,8 @@ class IoThread:
 
     def _publish_health(self) -> None:
         operations = getattr(self._motion, "operations", {})
+        if self.health.fault and time.monotonic() - self._fault_at > _FAULT_SHOWN:
+            self.health = replace(self.health, fault="")
         self.health = replace(
             self.health,
             phase=self._tail.phase,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import grp
 import os
@@ -98,11 +99,12 @@ class SerialLine:
             time.sleep(0.001)
 
     def close(self) -> None:
-        """Close the port. One that is gone already is no error here."""
-        try:
+        """Close the port. One that is gone already is no error here; bytes that it does not take are given up."""
+        with contextlib.suppress(OSError, LineLostError):
+            if self.is_behind():
+                self._serial.reset_output_buffer()  # the kernel would wait for them for half a minute
+        with contextlib.suppress(OSError):
             self._serial.close()
-        except OSError:
-            return
 
     def _lost(self, error: OSError) -> str:
         return f"{self.port} was lost ({error}): is the cable in, and has the device power?"

@@ -63,11 +63,12 @@ class ServoMotion:
         Args:
             joints: Calibration and limits, from the head to the tail.
             period: s between two set-points.
-            stop_time: s in which the tail returns to neutral when its commander is gone.
+            stop_time: s in which the tail returns to neutral when its commander is gone; a joint whose rate does not
+                allow that gets twice the time of its way.
         """
         self.angles = [0.0] * len(joints)
         self.limited = 0
-        self.stop_time = stop_time
+        self.stop_time = max(stop_time, *(2.0 * joint.reachable / joint.rate for joint in joints))
         self._joints = tuple(joints)
         self._period = period
         self._limiters = [SetPointLimiter(joint, 2.0 * period) for joint in joints]

@@ -82,7 +82,9 @@ class Tail:
     def arm(self, now: float) -> None:
         """Allow motion from the next command on."""
         if self.phase is Phase.DISARMED:
-            self.cut(now)
+            self._watchdog.forget()
+            self._motion.release(now)
+            self._disarm_next = False
             self.phase = Phase.SILENT
 
     def disarm(self, now: float) -> None:
@@ -100,17 +102,21 @@ class Tail:
             self.phase = Phase.STOPPING
             self._stop_begin = now
 
+    def refuse_before(self, time: float) -> None:
+        """Let commands count no more that were received before ``time`` s: somebody has asked for something since."""
+        self._not_before = max(self._not_before, time)
+
     def cut(self, now: float) -> None:
         """Fall silent at once; commands received before ``now`` count no more."""
         self._watchdog.forget()
         self._motion.release(now)
-        self._not_before = now
+        self.refuse_before(now)
         if self.phase is not Phase.DISARMED:
             self.phase = Phase.DISARMED if self._disarm_next else Phase.SILENT
         self._disarm_next = False
 
     def accepts(self, command: Command) -> bool:
-        """Whether the command would be followed: armed, not stopping, and received after the last cut."""
+        """Whether the command would be followed: armed, not stopping, and received after the last cut or request."""
         return self.phase in {Phase.SILENT, Phase.FOLLOWING} and command.time >= self._not_before
 
     def command(self, command: Command, measured: Mapping[int, float]) -> bool:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from fin_plant import checks
-from fin_servo_driver.line import LineLostError
+from fin_servo_driver.line import LineLostError, LineStalledError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
@@ -74,7 +75,8 @@ class LifeSign:
 class Backend(ABC):
     """A kind of device.
 
-    The order of calls is: `identify`; then any number of times `enable`, `send`..., `disable`; `read` at any time.
+    The order of calls is: `identify`, `disable`; then any number of times `enable`, `send`..., `disable`; `read` at any
+    time. The first `disable` ends what an earlier driver has left behind.
     Every method may raise a DeviceError of `line`.
     """
 
@@ -89,6 +91,8 @@ class Backend(ABC):
     baud: ClassVar[int]
     """Bits a second that the device has when bought."""
     options: ClassVar[tuple[str, ...]] = ()
+    measures: ClassVar[bool] = False
+    """Whether `read` tells where the servos stand."""
 
     def __init__(self, robot: Robot) -> None:
         """Take the robot's joints.
@@ -157,6 +161,8 @@ class RelayBackend(Backend):
         """Take the robot's joints."""
         super().__init__(robot)
         self._on: Outputs = {}
+        self._off_since: dict[int, float] = {}
+        self._partner = {a: b for joint in robot.relays for a, b in (joint.channels, joint.channels[::-1])}
 
     def enable(self, line: Line, neutral: Outputs) -> None:
         """Switch all relays off: that is the neutral of a relay tail."""
@@ -164,19 +170,46 @@ class RelayBackend(Backend):
         self.disable(line)
 
     def send(self, line: Line, outputs: Outputs) -> None:
-        """Switch what has changed: first off, then on."""
-        for channel, value in sorted(outputs.items(), key=lambda item: item[1]):
-            if self._on.get(channel) != value:
+        """Switch what has changed: first off, then on.
+
+        A relay comes on only a dead time after its partner's "off" was sent, and the next call tries again: the frame
+        counts, not when it was meant to be sent, because a line may be behind and a frame may be lost.
+        """
+        changed = {channel: value for channel, value in outputs.items() if self._on.get(channel) != value}
+        self._switch_off(line, [channel for channel, value in changed.items() if value <= 0.0])
+        for channel, value in changed.items():
+            if value > 0.0 and self._partner_rests(channel):
                 self._on.pop(channel, None)  # not known until the frame is out
-                self.switch(line, channel, on=value > 0.0)
+                self.switch(line, channel, on=True)
                 self._on[channel] = value
 
+    def _partner_rests(self, channel: int) -> bool:
+        partner = self._partner[channel]
+        rested = time.monotonic() - self._off_since.get(partner, math.inf)
+        return self._on.get(partner) == 0.0 and rested >= self.robot.timing.dead_time
+
     def disable(self, line: Line) -> None:
-        """Switch all relays of the joints off, also those that are thought to be off."""
-        self._on = {}
-        for joint in self.robot.relays:
-            for channel in joint.channels:
+        """Switch all relays of the joints off, also those that are thought to be off, and even if one fails.
+
+        Raises:
+            LineStalledError: Not all did.
+        """
+        self._switch_off(line, [channel for joint in self.robot.relays for channel in joint.channels])
+
+    def _switch_off(self, line: Line, channels: Iterable[int]) -> None:
+        failures = []
+        for channel in channels:
+            was_off = self._on.pop(channel, None) == 0.0
+            try:
                 self.switch(line, channel, on=False)
+            except LineStalledError as error:
+                failures.append(str(error))
+                continue
+            self._on[channel] = 0.0
+            if not was_off:
+                self._off_since[channel] = time.monotonic()
+        if failures:
+            raise LineStalledError("; ".join(failures))
 
     @abstractmethod
     def switch(self, line: Line, channel: int, *, on: bool) -> None:

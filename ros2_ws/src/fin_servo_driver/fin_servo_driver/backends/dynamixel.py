@@ -112,6 +112,7 @@ class Dynamixel(Backend):
     highest = 4095.0
     rate = 100.0
     baud = 57600
+    measures = True
 
     def __init__(self, robot: Robot) -> None:
         """Take the robot's joints.

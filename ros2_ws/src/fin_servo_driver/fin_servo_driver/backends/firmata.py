@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 from fin_servo_driver.backends.backend import NOTHING, Backend, Feedback, LifeSign
-from fin_servo_driver.line import WrongDeviceError
+from fin_servo_driver.line import LineLostError, WrongDeviceError
 
 if TYPE_CHECKING:
     from fin_servo_driver.line import Line
@@ -31,6 +31,9 @@ narrower range overflows it and bounds nothing."""
 _LAST_SHORT_PIN = 15
 _VERSION = 0xF9
 _START_SYSEX, _END_SYSEX, _EXTENDED_ANALOG, _SERVO_CONFIG, _STRING = 0xF0, 0xF7, 0x6F, 0x70, 0x71
+_FIRMWARE = 0x79
+_NAMELESS = 5
+"""Bytes of ``F0 79 major minor F7``: a firmware's name follows the numbers, in garbage hardly ever."""
 _STATUS = 0x80
 _LONGEST_MESSAGE = 256
 # An Uno resets when its port is opened and stays in its boot loader for up to 2 s, where it must not be spoken to;
@@ -38,6 +41,8 @@ _LONGEST_MESSAGE = 256
 _BOOT_SECONDS = 2.5
 _BANNER_SECONDS = 5.0
 _ASK_EVERY, _SILENCE = 1.0, 3.0
+# After its banner a board tells its firmware's name at once. Later it does so only if it has started anew.
+_NAME_SECONDS = 1.0
 
 
 def servo_mode(pin: int) -> bytes:
@@ -67,11 +72,13 @@ class Parser:
     Attributes:
         version: Major and minor number of the protocol, None before the banner.
         text: Last text that the board has sent.
+        starts: How often the board has told its firmware's name, which it does when it starts.
     """
 
     def __init__(self) -> None:
         self.version: tuple[int, int] | None = None
         self.text = ""
+        self.starts = 0
         self._message = bytearray()
 
     def feed(self, data: bytes) -> None:
@@ -90,6 +97,7 @@ class Parser:
             self.version = message[1], message[2]
             self._message = bytearray()
         elif message[-1] == _END_SYSEX:
+            self.starts += message[1] == _FIRMWARE and len(message) > _NAMELESS
             if message[1] == _STRING:
                 pairs = zip(message[2:-1:2], message[3:-1:2], strict=False)
                 self.text = "".join(chr(low | high << 7) for low, high in pairs)
@@ -123,6 +131,7 @@ class Firmata(Backend):
                 raise ValueError(msg)
         self._parser = Parser()
         self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._identified = 0.0
 
     def identify(self, line: Line) -> str:
         """Wait for the banner ``F9 major minor``, at most 5 s."""
@@ -139,6 +148,7 @@ class Firmata(Backend):
             self._parser.feed(data)
             if self._parser.version is not None:
                 self._life = LifeSign(_ASK_EVERY, _SILENCE)
+                self._identified = time.monotonic()
                 return "Firmata protocol {}.{}".format(*self._parser.version)
         got = f"{len(received)} other bytes came ({received[:8].hex(' ')} ...)" if received else "not a byte came"
         msg = (
@@ -166,12 +176,19 @@ class Firmata(Backend):
         line.write(SYSTEM_RESET)
 
     def read(self, line: Line) -> Feedback:
-        """Return the board's texts as faults: StandardFirmata sends them for what it refuses."""
-        self._parser.text = ""
+        """Return the board's texts as faults: StandardFirmata sends them for what it refuses.
+
+        Raises:
+            LineLostError: The board has started anew, and pulses no more.
+        """
+        self._parser.text, self._parser.starts = "", 0
         data = line.read(0.0)
         if data:
             self._life.heard()
         self._parser.feed(data)
+        if self._parser.starts and time.monotonic() - self._identified > _NAME_SECONDS:
+            msg = "the board has started anew by itself: does the servo draw its supply down? Give it one of its own"
+            raise LineLostError(msg)
         if self._life.due():
             line.write(ASK_VERSION)
         return Feedback(fault=self._parser.text) if self._parser.text else NOTHING

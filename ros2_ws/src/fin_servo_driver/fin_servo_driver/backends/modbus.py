@@ -86,20 +86,12 @@ class Modbus(RelayBackend):
         for _ in range(_TRIES):
             answer = self._ask(line, frame)
             if answer is not None:
-                return self._switched_off(line)
+                return f"Modbus relays, unit {self._unit}"
         msg = (
             f"no answer from Modbus unit {self._unit} at {self.robot.baud or self.baud} baud: check address and baud "
             "rate, and that A and B are not swapped"
         )
         raise WrongDeviceError(msg)
-
-    def _switched_off(self, line: Line) -> str:
-        try:
-            self.disable(line)
-        except LineStalledError as error:
-            msg = f"{error}: check options: unit, and that the board has these relays"
-            raise WrongDeviceError(msg) from error
-        return f"Modbus relays, unit {self._unit}"
 
     def switch(self, line: Line, channel: int, *, on: bool) -> None:
         """Switch one relay and wait for the answer.
@@ -114,7 +106,10 @@ class Modbus(RelayBackend):
             if answer == frame:
                 return
         got = answer.hex(" ") if answer else "nothing"
-        msg = f"Modbus unit {self._unit} did not switch relay {channel}: sent {frame.hex(' ')}, got {got}"
+        msg = (
+            f"Modbus unit {self._unit} did not switch relay {channel}: sent {frame.hex(' ')}, got {got}; check "
+            "options: unit, that the board has this relay, and the cable"
+        )
         raise LineStalledError(msg)
 
     def read(self, line: Line) -> Feedback:

@@ -56,11 +56,12 @@ class Firmata(Device):
         self._ranges: dict[int, tuple[int, int]] = {}
 
     def opened(self, now: float) -> bytes:
-        """Reset: all pins without pulses; then the banner."""
+        """Reset: all pins without pulses; then the banner and the firmware's name."""
         del now
         self.outputs = {}
         self._message = bytearray()
-        return b"\xf9\x02\x05"
+        name = b"".join(bytes((ord(letter), 0)) for letter in "StandardFirmata.ino")
+        return b"\xf9\x02\x05\xf0\x79\x02\x05" + name + b"\xf7"
 
     def feed(self, data: bytes, now: float) -> bytes:
         """Take bytes."""

@@ -73,15 +73,16 @@ class PtyPort:
             self._is_open = False
             self._master = master
 
-    def unplug(self) -> None:
-        """Make the port disappear under whoever has it open; the device loses its power."""
+    def unplug(self, *, powered: bool = False) -> None:
+        """Make the port disappear under whoever has it open; the device loses its power, unless it has its own."""
         with self._lock:
             if self._master is None:
                 return
             self.path.unlink(missing_ok=True)
             os.close(self._master)
             self._master = None
-            self.device.outputs = dict.fromkeys(self.device.outputs)
+            if not powered:
+                self.device.outputs = dict.fromkeys(self.device.outputs)
 
     def close(self) -> None:
         """Unplug and stop serving."""
