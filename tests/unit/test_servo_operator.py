@@ -5,14 +5,14 @@ from __future__ import annotations
 import io
 import math
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from fin_plant.fin import Fin
+from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.plant_state import PlantState, State
 from fin_servo_driver import calibrate_servo, robot_file
 from fin_servo_driver.calibrate_servo import Calibration, Leave
@@ -54,15 +54,150 @@ def test_the_operator_is_told_what_to_do(given: PlantState | None, says: str, ac
     assert chosen == action
 
 
+def waiting_for_fin(**sizes_of_fin: float) -> PlantState:
+    """Return the state of a driver that waits for this fin."""
+    values = {f"fin.{name}": value for name, value in sizes_of_fin.items()}
+    wanted = {**{name: parameter.default for name, parameter in FIN_PARAMETERS.items()}, **values}
+    details = {f"wanted.{name}": v if isinstance(v, str) else repr(v) for name, v in wanted.items()}
+    reason = f"mount the fin: {instruction(Fin.from_parameters(wanted))}"
+    return PlantState(State.WAITING_FOR_FIN, "robot", 1, reason, {}, {"waiting_for": "fin", **details})
+
+
+def shown(given: PlantState | None, width: int = 100, height: int = 30, silence: float = 0.0, answer: str = "") -> str:
+    """Return what a terminal of this size shows."""
+    console = Console(width=width, height=height, file=io.StringIO(), record=True)
+    device = {"connected": "True", "identity": "Firmata protocol 2.5", "voltage": "not reported", "fault": ""}
+    console.print(operator.screen(given, device, answer, silence))
+    return "\n".join(console.export_text().splitlines()[:height])
+
+
 def test_the_fin_is_shown_as_a_person_would_cut_it() -> None:
-    fin = Fin(young_modulus=2.35e9, length=0.07, height=0.03, tip_height=0.05)
-    shown = state(State.WAITING_FOR_FIN, f"mount the fin: {instruction(fin)}", "fin")
-    console = Console(width=100, file=io.StringIO(), record=True)
-    console.print(operator.screen(shown, {"connected": "True"}, "done"))
-    text = console.export_text()
+    text = shown(waiting_for_fin(young_modulus=2.35e9, length=0.07, height=0.03, tip_height=0.05), answer="done")
     for part in ("2.35 GPa (about polycarbonate)", "70.0 mm", "30.0 mm at 0.0 mm - 50.0 mm at 70.0 mm", "0.208 mm"):
         assert part in text
     assert "EMERGENCY STOP" in text
+    assert "not reported" not in text
+
+
+def test_a_material_whose_name_has_a_comma_is_shown_in_one_line() -> None:
+    assert "E = 3.5 MPa (about silicone rubber, 60 Shore A)" in shown(waiting_for_fin(young_modulus=3.5e6))
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        None,
+        waiting_for_fin(young_modulus=3.5e6, height=0.03, tip_height=0.05),
+        state(State.FAULT, "the emergency stop is latched: release it with ~/estop false"),
+        state(State.READY),
+    ],
+)
+def test_a_terminal_of_forty_columns_shows_what_to_do_and_every_key(given: PlantState | None) -> None:
+    text = " ".join(shown(given, 40, 24).replace("│", " ").split())
+    for part in (operator.next_step(given)[0], "SPACE BAR: EMERGENCY STOP", "[Enter]", "[r]", "[d]", "[q] quit"):
+        assert part in text
+    assert "~/estop" not in text
+
+
+def test_a_driver_that_has_fallen_silent_is_not_shown_as_it_was() -> None:
+    text = shown(state(State.READY), silence=7.0)
+    assert "NO ANSWER" in text
+    assert "Nothing from the driver for 7 s" in text
+    assert "READY" not in text
+    assert "READY" in shown(state(State.READY), silence=1.5)
+
+
+class FakeClient:
+    """Notes what is asked."""
+
+    def __init__(self) -> None:
+        self.state: PlantState | None = waiting_for_fin()
+        self.answer = ""
+        self.asked: list[str] = []
+
+    def ask(self, action: str) -> None:
+        self.asked.append(action)
+
+    def emergency_stop(self, *, on: bool) -> None:
+        self.asked.append("STOP" if on else "release")
+
+    def silence(self) -> float:
+        return 0.0
+
+
+@pytest.fixture
+def client() -> FakeClient:
+    return FakeClient()
+
+
+@pytest.fixture
+def keyboard(client: FakeClient) -> Any:
+    """Return a keyboard before which a step stands since 0 s."""
+    found = operator.Keyboard(client)
+    found.look(0.0)
+    return found
+
+
+def test_enter_confirms_the_step_that_is_shown(keyboard: Any, client: FakeClient) -> None:
+    assert not keyboard.typed("\n", 2.0)
+    client.state = state(State.WAITING_FOR_RESET, waiting_for="arming")
+    keyboard.look(2.1)
+    keyboard.typed("\r", 4.0)
+    assert client.asked == ["confirm_fin", "activate"]
+
+
+@pytest.mark.parametrize("times", [[2.0, 2.05], [2.0, 2.3, 2.6, 2.9, 3.2, 3.5, 3.8], [2.0, 2.95]])
+def test_an_enter_that_bounces_or_is_held_down_does_not_arm(
+    keyboard: Any, client: FakeClient, times: list[float]
+) -> None:
+    for now in times:
+        keyboard.typed("\n\n", now)
+        client.state = state(State.WAITING_FOR_RESET, waiting_for="arming")
+        keyboard.look(now + 0.01)
+    assert client.asked == ["confirm_fin"]
+
+
+def test_an_enter_that_comes_with_a_new_step_does_nothing(keyboard: Any, client: FakeClient) -> None:
+    client.state = state(State.WAITING_FOR_RESET, waiting_for="arming")
+    keyboard.look(5.0)
+    keyboard.typed("\n", 5.6)
+    assert client.asked == []
+    assert "read it, then press Enter again" in client.answer
+    keyboard.typed("\n", 7.0)
+    assert client.asked == ["activate"]
+
+
+@pytest.mark.parametrize("text", [" ", "\n ", "xx y\n", "\x1b[ d", "     "])
+def test_a_space_among_whatever_was_hit_stops_and_nothing_else_counts(
+    keyboard: Any, client: FakeClient, text: str
+) -> None:
+    assert not keyboard.typed(text, 9.0)
+    assert client.asked == ["STOP"]
+
+
+@pytest.mark.parametrize("text", ["x", "\x1b", "\x1b[A", "\x1b[3~", "\x1bd", "\x1bq", "7", "\t", "\ufffd", "ä"])
+def test_a_key_that_is_not_known_does_nothing_and_says_so(keyboard: Any, client: FakeClient, text: str) -> None:
+    assert not keyboard.typed(text, 9.0)
+    assert client.asked == []
+    assert "does nothing; there is [Enter]" in client.answer
+
+
+@pytest.mark.parametrize(
+    ("text", "asked"), [("r", "release"), ("R", "release"), ("d", "deactivate"), ("DD", "deactivate")]
+)
+def test_capital_letters_count_too(keyboard: Any, client: FakeClient, text: str, asked: str) -> None:
+    assert not keyboard.typed(text, 9.0)
+    assert client.asked == [asked]
+
+
+def test_q_leaves_but_asks_again_while_the_driver_is_armed(keyboard: Any, client: FakeClient) -> None:
+    client.state = state(State.SWIMMING)
+    assert not keyboard.typed("q", 10.0)
+    assert "the space bar will not stop it" in client.answer
+    assert not keyboard.typed("q", 30.0)
+    assert keyboard.typed("q", 31.0)
+    client.state = waiting_for_fin()
+    assert keyboard.typed("Q", 99.0)
 
 
 def test_sizes_are_in_millimetres() -> None:

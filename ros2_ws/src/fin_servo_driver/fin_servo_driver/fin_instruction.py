@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
-from fin_plant.fin import ProfiledFin
+from fin_plant.fin import FIN_PARAMETERS, Fin, ProfiledFin
 
 if TYPE_CHECKING:
-    from fin_plant.fin import Fin
+    from collections.abc import Mapping
 
 # Young's modulus of common sheets in Pa, typical values of makers' data sheets; within a tenth the name is offered.
 MATERIALS = {
@@ -55,3 +56,17 @@ def sizes(fin: Fin) -> dict[str, str]:
 def instruction(fin: Fin) -> str:
     """Return the fin in one sentence."""
     return ", ".join(f"{name} {value}" for name, value in sizes(fin).items())
+
+
+def wanted_fin(details: Mapping[str, str]) -> Fin:
+    """Return the fin that the driver asks for in the details ``wanted.*`` of its plant_state.
+
+    Raises:
+        KeyError: It asks for none.
+        ValueError: There is no such fin.
+    """
+    values: dict[str, object] = {}
+    for name, parameter in FIN_PARAMETERS.items():
+        text = details[f"wanted.{name}"]
+        values[name] = text if parameter.kind == "string" else json.loads(text)
+    return Fin.from_parameters(values)

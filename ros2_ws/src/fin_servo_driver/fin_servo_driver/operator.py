@@ -1,20 +1,26 @@
 """The terminal program for the person at the tank: what the robot waits for, and the keys to answer with.
 
-The space bar stops the robot at any time. Nothing is confirmed by itself.
+The space bar stops the robot at any time. Nothing is confirmed by itself, nor by a key that bounces or is stuck: Enter
+counts for a step only after the step was on the screen, and Enter at rest, for `_CALM` seconds.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import select
+import signal
 import sys
 import termios
+import time
 import tty
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rich.columns import Columns
 from rich.console import Group
 from rich.live import Live
 from rich.panel import Panel
@@ -24,11 +30,14 @@ from rich.text import Text
 from fin_plant import node_process, topics
 from fin_plant.plant_state import PlantState, State
 from fin_servo_driver.driver_client import DriverClient
+from fin_servo_driver.fin_instruction import sizes, wanted_fin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from rich.console import RenderableType
+
+    from fin_plant.fin import Fin
 
 _STYLES = {
     State.READY: "bold green",
@@ -38,7 +47,14 @@ _STYLES = {
     State.FAULT: "bold white on red",
 }
 _SHOWN = ("connected", "identity", "reconnects", "missed_ticks", "lateness_p99_ms", "voltage", "temperature", "fault")
-_LOOK = 0.1
+_LOOK = 0.05
+_CALM = 1.0
+_SILENT = 3.0
+"""s without a word from the driver, which speaks once a second, after which what it said last is not shown as true."""
+_LEAVE_SECONDS = 5.0
+_KEYS = ("[Enter] do it", "[r] release", "[d] disarm", "[q] quit")
+_NO_KEY = f"does nothing; there is {'  '.join(_KEYS)}"
+_STOP = "SPACE BAR: EMERGENCY STOP"
 _WAITING = {
     "configuring": ("Press Enter to open the port and check the device. Nothing moves by that.", "configure"),
     "fin": ("Mount this fin. When it is on and nobody's hands are near the tail, press Enter.", "confirm_fin"),
@@ -46,8 +62,9 @@ _WAITING = {
     "mark": ("Bring the fish back to its mark and let the water settle. Then press Enter.", "reset"),
 }
 """What to do, and what Enter then asks for, by what the driver waits for."""
+_EMERGENCY = "emergency stop"
 _FAULTS = (
-    ("emergency stop", ("Stopped. When all is safe, press r to release the emergency stop.", "")),
+    (_EMERGENCY, ("Stopped. When all is safe, press r to release the emergency stop.", "")),
     ("", ("Check cable and power; the driver reconnects by itself.", "")),
 )
 """The same by a part of the fault's reason; the last one fits every reason."""
@@ -62,79 +79,157 @@ def next_step(state: PlantState | None) -> tuple[str, str]:
     return _WAITING.get(state.details.get("waiting_for", ""), ("Nothing to do. The space bar stops the robot.", ""))
 
 
-def screen(state: PlantState | None, device: dict[str, str], answer: str) -> RenderableType:
-    """Return what is shown."""
+def screen(state: PlantState | None, device: dict[str, str], answer: str, silence: float = 0.0) -> RenderableType:
+    """Return what is shown, the most important first: a small terminal shows no more than its top.
+
+    Args:
+        state: What the driver said last.
+        device: Values of its device's diagnostics.
+        answer: To what was asked last.
+        silence: s since the driver's last word.
+    """
+    if silence > _SILENT:
+        lost = f"Nothing from the driver for {silence:.0f} s. The robot may still move: use the switch of its servos."
+        return _panel([Text("NO ANSWER", style=_STYLES[State.FAULT]), Text(lost, style="bold"), _answer(answer)])
     advice, _ = next_step(state)
     title = Text(state.state.value if state else "NO DRIVER", style=_STYLES[state.state] if state else "bold red")
     parts: list[RenderableType] = [title]
     if state is not None and state.details.get("waiting_for") == "fin":
-        parts.append(_fin_table(state.reason))
-    elif state is not None and state.reason:
+        parts.append(_fin_table(wanted_fin(state.details)))
+    elif state is not None and state.reason and not _advice_says_all(state):
         parts.append(Text(state.reason))
-    parts += [Text(), Text(advice, style="bold"), Text(answer, style="italic")]
-    if device:
-        table = Table.grid(padding=(0, 2))
-        for name in _SHOWN:
-            table.add_row(name, device.get(name, ""))
-        parts += [Text(), table]
-    keys = "[Enter] do it   [space] EMERGENCY STOP   [r] release   [d] disarm   [q] quit"
-    return Panel(Group(*parts), title="servo driver", subtitle=Text(keys))
+    parts += [Text(advice, style="bold"), _answer(answer)]
+    table = Table.grid(padding=(0, 2))
+    for name in _SHOWN:
+        if device.get(name, "") not in {"", "not reported"}:
+            table.add_row(name, device[name])
+    return _panel(parts, table)
 
 
-def _fin_table(reason: str) -> Table:
-    """Return the fin of ``mount the fin: name value, name value`` as a table."""
+def _advice_says_all(state: PlantState) -> bool:
+    return _EMERGENCY in state.reason or state.details.get("waiting_for") in {"arming", "mark"}
+
+
+def _answer(answer: str) -> Text:
+    return Text(answer, style="italic")
+
+
+def _panel(parts: list[RenderableType], *below: RenderableType) -> Panel:
+    keys: list[RenderableType] = [Text(_STOP, style="bold white on red"), Columns(map(Text, _KEYS), padding=(0, 3))]
+    return Panel(Group(*parts, Text(), *keys, Text(), *below), title="servo driver")
+
+
+def _fin_table(fin: Fin) -> Table:
     table = Table(title="Fin to mount", show_header=False)
-    for item in reason.partition(": ")[2].split(", "):
-        name, _, value = item.partition(" ")
+    for name, value in sizes(fin).items():
         table.add_row(name, Text(value, style="bold"))
     return table
 
 
 @contextmanager
-def keys() -> Iterator[Callable[[float], str]]:
-    """Yield a function that returns the key pressed within so many s, or an empty text."""
+def keys() -> Iterator[Callable[[], str | None]]:
+    """Yield a function that returns what was typed since it was called last; None when the terminal is gone."""
     descriptor = sys.stdin.fileno()
     saved = termios.tcgetattr(descriptor)
     tty.setcbreak(descriptor)
 
-    def pressed(seconds: float) -> str:
-        ready, _, _ = select.select([descriptor], [], [], seconds)
-        return os.read(descriptor, 1).decode(errors="replace") if ready else ""
+    def typed() -> str | None:
+        ready, _, _ = select.select([descriptor], [], [], 0.0)
+        if not ready:
+            return ""
+        return os.read(descriptor, 1024).decode(errors="replace") or None
 
     try:
-        yield pressed
+        yield typed
     finally:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, saved)
 
 
-def act(client: DriverClient, key: str) -> str:
-    """Do what a key stands for; return the driver's answer."""
-    if key == " ":
-        return client.emergency_stop(on=True)
-    if key == "r":
-        return client.emergency_stop(on=False)
-    if key == "d":
-        return client.change_state("deactivate")
-    if key in {"\r", "\n"}:
-        _, action = next_step(client.state)
-        if action in {"configure", "activate"}:
-            return client.change_state(action)
-        return client.trigger(action) if action else "nothing to confirm"
-    return ""
+class Keyboard:
+    """What keys do. Time is handed in, so that nothing here waits."""
+
+    def __init__(self, client: DriverClient) -> None:
+        """Start with nothing asked."""
+        self._client = client
+        self._step: tuple[str, str] = ("", "")
+        self._step_since = self._last_enter = self._leave_since = -math.inf
+
+    def look(self, now: float) -> None:
+        """Note at ``now`` s what the driver waits for, as it is shown from now on."""
+        state = self._client.state
+        step = (next_step(state)[1], state.reason if state else "")
+        if step != self._step:
+            self._step, self._step_since = step, now
+
+    def typed(self, text: str, now: float) -> bool:
+        """Do what was typed at ``now`` s stands for; return whether to leave.
+
+        A space anywhere in it stops the robot, and nothing else of it counts. A cursor or function key, which comes as
+        several characters, counts as one unknown key.
+        """
+        if " " in text:
+            self._client.emergency_stop(on=True)
+            return False
+        if text.startswith("\x1b"):
+            self._client.answer = f"this key {_NO_KEY}"
+            return False
+        for key in dict.fromkeys(text.lower().replace("\r", "\n")):
+            if key == "q":
+                return self._leave(now)
+            self._press(key, now)
+        return False
+
+    def _press(self, key: str, now: float) -> None:
+        if key == "r":
+            self._client.emergency_stop(on=False)
+        elif key == "d":
+            self._client.ask("deactivate")
+        elif key == "\n":
+            self._enter(now)
+        else:
+            self._client.answer = f"{key!r} {_NO_KEY}"
+
+    def _enter(self, now: float) -> None:
+        bounced = now - self._last_enter < _CALM
+        self._last_enter = now
+        action, _ = self._step
+        if bounced:
+            return
+        if not action:
+            self._client.answer = "nothing to confirm"
+        elif now - self._step_since < _CALM:
+            self._client.answer = "Enter came with a new step: read it, then press Enter again"
+        else:
+            self._client.ask(action)
+
+    def _leave(self, now: float) -> bool:
+        """Ask once more where somebody may rely on the space bar."""
+        state = self._client.state
+        moves = state is not None and state.state in {State.READY, State.SWIMMING}
+        if not moves or self._client.silence() > _SILENT or now - self._leave_since < _LEAVE_SECONDS:
+            return True
+        self._leave_since = now
+        self._client.answer = "The driver stays armed and the space bar will not stop it: q again leaves, d disarms"
+        return False
 
 
 def run(client: DriverClient) -> int:
-    """Show and ask until q is pressed."""
-    answer = ""
-    with keys() as pressed, Live(auto_refresh=False, screen=True) as live:
+    """Show and ask until q is pressed or the terminal is gone."""
+    keyboard = Keyboard(client)
+    with keys() as typed, Live(auto_refresh=False, screen=True) as live:
         while True:
             client.spin(_LOOK)
-            live.update(screen(client.state, client.device, answer), refresh=True)
-            key = pressed(0.0)
-            if key == "q":
+            live.update(screen(client.state, client.device, client.answer, client.silence()), refresh=True)
+            now = time.monotonic()
+            keyboard.look(now)
+            text = typed()
+            if text is None or (text and keyboard.typed(text, now)):
                 return 0
-            if key:
-                answer = act(client, key)
+
+
+def _leave(number: int, _frame: object) -> None:
+    """Give the terminal back as it was, and end."""
+    raise SystemExit(128 + number)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -146,12 +241,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("error: operator reads keys: run it in a terminal", file=sys.stderr)  # noqa: T201
         return node_process.EXIT_USAGE
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(node_process.FAST_DDS_PROFILE))
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _leave)
     client = DriverClient(namespace=given.namespace)
     try:
         return run(client)
     except KeyboardInterrupt:
-        return 128 + 2
+        return 128 + signal.SIGINT
     finally:
         client.close()
 

@@ -6,7 +6,6 @@ fish and publishes ``pose``, and the operator who mounts fins and brings the fis
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 import tempfile
@@ -25,7 +24,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from fin_plant import node_process, topics
-from fin_plant.fin import FIN_PARAMETERS, Fin
+from fin_plant.fin import Fin
 from fin_plant.messages import plant_state_from_message, time_message
 from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.parameters import load_table
@@ -33,6 +32,7 @@ from fin_servo_driver import robot_file
 from fin_servo_driver.emulator.emulate import device_for, targets
 from fin_servo_driver.emulator.hidden_fish import SAMPLE_TIME, Camera, Deviation, HiddenFish
 from fin_servo_driver.emulator.pty_port import PtyPort
+from fin_servo_driver.fin_instruction import wanted_fin
 from fin_servo_driver.wall_clock import stamp_of
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class Operator:
         if waiting == "configuring":
             self._call(self._get_state, GetState.Request(), self._set_up)
         elif waiting == "fin":
-            self._mount(_wanted(state.details))
+            self._mount(wanted_fin(state.details))
             self._call(self._confirm, Trigger.Request(), self._note)
         elif waiting == "arming":
             self._change(Transition.TRANSITION_ACTIVATE)
@@ -135,15 +135,6 @@ class Operator:
     def _call(self, client: Any, request: Any, then: Callable[[Any], None]) -> None:
         if client.service_is_ready():
             client.call_async(request).add_done_callback(lambda future: then(future.result()))
-
-
-def _wanted(details: Mapping[str, str]) -> Fin:
-    """Return the fin that the driver asks for."""
-    values: dict[str, object] = {}
-    for name, parameter in FIN_PARAMETERS.items():
-        text = details[f"wanted.{name}"]
-        values[name] = text if parameter.kind == "string" else json.loads(text)
-    return Fin.from_parameters(values)
 
 
 class Rehearsal:
