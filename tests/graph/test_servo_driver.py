@@ -106,7 +106,7 @@ def test_it_is_silent_until_it_is_armed(driver: StartedProcess, client: RobotCli
     assert bytes(port.received) == b""
     assert client.change_state(CONFIGURE)
     client.spin(1.5)
-    assert set(port.received) <= {0xF9}  # it asks for the version, and nothing else
+    assert set(port.received) <= {0xF9, 0xFF}  # it takes force from all pins and asks for the version, nothing else
     state = client.state()
     assert state is not None
     assert state.state is State.WAITING_FOR_FIN
@@ -208,7 +208,7 @@ def test_the_timeout_cannot_be_switched_off_by_a_slip(
 # -- ways out --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_a_signal_stops_the_pulses_after_neutral(
     driver: StartedProcess, client: RobotClient, port: PtyPort, number: signal.Signals
 ) -> None:

@@ -54,6 +54,8 @@ class _Stop:
         self.signal = 0
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._note)
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under `nohup`
+            signal.signal(signal.SIGHUP, self._note)
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.signal = self.signal or number
@@ -78,8 +80,8 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
             process' own command line is taken, and words that are not for ROS are refused.
 
     Returns:
-        The node's own exit code, 128 + signal after SIGINT (130) or SIGTERM (143), 2 for a start value that is
-        refused (its message goes to stderr).
+        The node's own exit code, 128 + signal after SIGINT (130), SIGTERM (143) or SIGHUP (129, its terminal was
+        closed), 2 for a start value that is refused (its message goes to stderr).
     """
     if args is None and (asked := _refuse_words(*remove_ros_args(sys.argv))) is not None:
         return asked

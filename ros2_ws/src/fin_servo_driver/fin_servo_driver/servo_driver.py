@@ -52,8 +52,8 @@ SERVO_DRIVER_PARAMETERS = load_table("fin_servo_driver", "servo_driver_parameter
 PARAMETERS = ParameterTable({**PLANT_PARAMETERS, **SERVO_DRIVER_PARAMETERS})
 MEASURED, COMMANDED = "measured", "commanded"
 """What joint_states carries, as its frame_id: a joint state has no frame of its own."""
-# Longer than the tail takes to neutral, with a line that stalls on the way.
-_DISARM_SECONDS = 2.0
+# What a line that stalls may add to the time that the tail takes to neutral.
+_STALL_SECONDS = 1.6
 # The I/O thread takes a command within a tick; after this it is known that it did not.
 _TAKE_SECONDS = 0.3
 _ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
@@ -213,30 +213,33 @@ class ServoDriver:
         if self._values["watchdog.disabled_knowingly"]:
             self._log.warning("the command watchdog is OFF: stay at the power switch")
         io.arm()
-        io.wait_for({Phase.SILENT, Phase.FOLLOWING}, _DISARM_SECONDS)
+        io.wait_for({Phase.SILENT, Phase.FOLLOWING}, self._patience)
         self._armed = True
 
     def disarm(self) -> None:
-        """Lead the tail to neutral and disable the device.
+        """Lead the tail to neutral and disable the device; if that is not done in time, disable it without neutral.
 
         Raises:
-            DeviceError: That was not confirmed in time.
+            DeviceError: There is no device.
         """
+        io = self._need_io()
         self._armed = False
         self._rest("the driver was deactivated")
-        io = self._need_io()
         io.disarm()
-        if not io.wait_for({Phase.DISARMED}, _DISARM_SECONDS):
+        if not io.wait_for({Phase.DISARMED}, self._patience):
             io.cut()
-            msg = "the tail did not reach neutral in time; its device was told to disable"
-            raise DeviceError(msg)
+            self._log.error("the tail did not reach neutral in time; its device was told to disable")
+
+    @property
+    def _patience(self) -> float:
+        return _STALL_SECONDS + (self._motion.stop_time if self._motion is not None else 0.0)
 
     def release(self) -> None:
         """Make the device safe and close the port."""
         self._armed = False
         if self._io is not None:
             self._io.disarm()
-            self._io.wait_for({Phase.DISARMED}, _DISARM_SECONDS)
+            self._io.wait_for({Phase.DISARMED}, self._patience)
             self._io.close()
             self._io = None
         self._failure = "the driver is not configured"
@@ -464,9 +467,9 @@ class ServoDriver:
         overdue = time.monotonic() - self._sent.time > _TAKE_SECONDS
         if following or not (self._followed or overdue):
             return
-        swam = self._swimming_since is not None
-        connected = io.health.connected
-        reason = "no fresh gait within command_timeout: the tail returned to neutral" if swam and connected else ""
+        reason = io.health.refusal
+        if not reason and self._swimming_since is not None and io.health.connected:
+            reason = "no fresh gait within command_timeout: the tail returned to neutral"
         if reason:
             self._log.warning(reason)
         self._rest(reason)
