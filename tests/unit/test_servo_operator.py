@@ -114,6 +114,7 @@ class FakeClient:
         self.state: PlantState | None = waiting_for_fin()
         self.answer = ""
         self.asked: list[str] = []
+        self.silent = 0.0
 
     def ask(self, action: str) -> None:
         self.asked.append(action)
@@ -122,7 +123,7 @@ class FakeClient:
         self.asked.append("STOP" if on else "release")
 
     def silence(self) -> float:
-        return 0.0
+        return self.silent
 
 
 @pytest.fixture
@@ -165,6 +166,13 @@ def test_an_enter_that_comes_with_a_new_step_does_nothing(keyboard: Any, client:
     assert "read it, then press Enter again" in client.answer
     keyboard.typed("\n", 7.0)
     assert client.asked == ["activate"]
+
+
+def test_enter_confirms_nothing_of_a_driver_that_has_fallen_silent(keyboard: Any, client: FakeClient) -> None:
+    client.silent = 4.0
+    keyboard.look(9.0)
+    keyboard.typed("\n", 12.0)
+    assert (client.asked, client.answer) == ([], "nothing to confirm")
 
 
 @pytest.mark.parametrize("text", [" ", "\n ", "xx y\n", "\x1b[ d", "     "])

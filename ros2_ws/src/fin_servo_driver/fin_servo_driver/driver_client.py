@@ -33,8 +33,8 @@ TRANSITIONS = {
 SERVICES = (topics.CONFIRM_FIN_SERVICE, topics.RESET_SERVICE)
 _ANSWER_SECONDS = 15.0
 """Configuring waits up to 5 s for a board's banner."""
-_STOP_SECONDS = 2.0
-"""A driver that disarms at that moment takes as long."""
+_STOP_SECONDS = 3.0
+"""A driver that disarms at that moment takes 2 s."""
 
 
 @dataclass

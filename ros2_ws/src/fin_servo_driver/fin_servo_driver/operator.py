@@ -157,7 +157,8 @@ class Keyboard:
     def look(self, now: float) -> None:
         """Note at ``now`` s what the driver waits for, as it is shown from now on."""
         state = self._client.state
-        step = (next_step(state)[1], state.reason if state else "")
+        silent = self._client.silence() > _SILENT
+        step = (next_step(state)[1], state.reason) if state and not silent else ("", "")
         if step != self._step:
             self._step, self._step_since = step, now
 
