@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import signal
 import sys
 import threading
 import time
@@ -23,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_servo_driver import backends, robot_file
-from fin_servo_driver.line import DeviceError
+from fin_servo_driver.line import DeviceError, LineStalledError
 from fin_servo_driver.port import SerialLine
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ _STEP = 5.0
 _SMALLEST_ANGLE = math.radians(2.0)
 _UNITS_A_SECOND = 300.0
 """How fast the horn is led to a new place; half a turn of a hobby servo takes some seconds."""
+_MEASURE_SECONDS = 1.0
 
 
 class Leave(Exception):  # noqa: N818 - it is the way out, no error
@@ -138,25 +140,39 @@ class Holder:
     """Leads the servo to where the calibration wants it, and holds it, in a thread of its own."""
 
     def __init__(self, backend: Backend, line: Line, robot: Robot, calibration: Calibration) -> None:
-        """Start at the joint's centre."""
+        """Start where the servos say that they stand; those that measure nothing can only jump to their centres.
+
+        Raises:
+            DeviceError: A servo that measures does not tell where it stands.
+        """
         self.failure = ""
         self._backend = backend
         self._line = line
         self._calibration = calibration
-        self._sent = {joint.channel: joint.centre for joint in robot.servos}
+        self._centres = {joint.channel: joint.centre for joint in robot.servos}
+        self._sent = self._measured() if backend.measures else dict(self._centres)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._hold, name="hold the servo")
         backend.enable(line, self._sent)
         self._thread.start()
 
+    def _measured(self) -> dict[int, float]:
+        deadline = time.monotonic() + _MEASURE_SECONDS
+        while time.monotonic() < deadline:
+            positions = self._backend.read(self._line).positions
+            if self._centres.keys() <= positions.keys():
+                return {channel: positions[channel] for channel in self._centres}
+        msg = f"not all of channels {', '.join(map(str, self._centres))} tell where they stand: is one servo overloaded?"
+        raise LineStalledError(msg)
+
     def _hold(self) -> None:
         period = 1.0 / self._backend.rate
-        channel = self._calibration.joint.channel
+        reach = _UNITS_A_SECOND * period
         try:
             while not self._ended.wait(period):
-                reach = _UNITS_A_SECOND * period
-                gap = self._calibration.position - self._sent[channel]
-                self._sent[channel] += min(max(gap, -reach), reach)
+                wanted = self._centres | {self._calibration.joint.channel: self._calibration.position}
+                for channel, position in wanted.items():
+                    self._sent[channel] += min(max(position - self._sent[channel], -reach), reach)
                 self._backend.send(self._line, self._sent)
                 self._backend.read(self._line)
         except DeviceError as error:
@@ -185,6 +201,7 @@ def calibrate(robot: Robot, number: int, port: str, lines: Iterable[str]) -> Ser
     line = SerialLine(port, robot.baud or backend.baud)
     try:
         _say(backend.identify(line))
+        backend.disable(line)
         holder = Holder(backend, line, robot, calibration)
         try:
             return _converse(calibration, holder, lines)
@@ -213,6 +230,11 @@ def _say(text: str) -> None:
     print(text, flush=True)  # noqa: T201 - a program for a terminal
 
 
+def _end(number: int, _frame: object) -> None:
+    """Leave by the ways out, which let go of the servo."""
+    raise SystemExit(128 + number)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program."""
     parser = argparse.ArgumentParser(
@@ -222,6 +244,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--joint", type=int, default=1, help="number of the joint from the head (default: 1)")
     parser.add_argument("--port", default="", help="instead of the robot file's")
     given = parser.parse_args(arguments)
+    for number in (signal.SIGTERM, signal.SIGHUP):  # a closed terminal must not leave the servo under force
+        signal.signal(number, _end)
     try:
         robot = robot_file.load(given.robot_file)
         joint = calibrate(robot, given.joint, given.port or robot.port, sys.stdin)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import shutil
 import tempfile
 from dataclasses import dataclass, field, fields, replace
 from importlib import resources
@@ -309,12 +310,14 @@ def save(robot: Robot, path: Path) -> None:
     content["joints"] = [dict(_items(joint)) for joint in robot.joints]
     text = "# Written by calibrate_servo. Angles in rad, rates in rad/s, positions in the device's unit.\n"
     text += yaml.safe_dump(content, sort_keys=False)
-    folder = path.resolve().parent
-    with tempfile.NamedTemporaryFile("w", dir=folder, prefix=path.name, delete=False, encoding="utf-8") as file:
+    target = path.resolve()  # a link stays a link
+    with tempfile.NamedTemporaryFile("w", dir=target.parent, prefix=path.name, delete=False, encoding="utf-8") as file:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
-    Path(file.name).replace(path)
+    if target.exists():
+        shutil.copymode(target, file.name)
+    Path(file.name).replace(target)
 
 
 def _items(value: Joint | RelayTiming) -> Iterator[tuple[str, object]]:

@@ -1,0 +1,80 @@
+"""Calibration on emulated devices: no jump at the start where the servo measures, no force left at any end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import stat
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from fin_servo_driver import backends, robot_file
+from fin_servo_driver.calibrate_servo import Calibration, Holder
+from fin_servo_driver.emulator.devices import Dynamixel, Maestro
+from fin_servo_driver.emulator.pty_port import PtyPort
+from fin_servo_driver.port import SerialLine
+from support.waiting import wait_until
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class Logged(Dynamixel):
+    """A bus that keeps its goals."""
+
+    def __init__(self, servo: int, stands: float) -> None:
+        super().__init__([servo], lambda _: stands)
+        self.goals: list[float] = []
+
+    def _write(self, servo: int, address: int, data: bytes) -> int:
+        error = super()._write(servo, address, data)
+        self.goals += [self.outputs[servo] or 0.0] if address == 116 else []
+        return error
+
+
+def test_a_servo_that_measures_is_led_to_its_centre_from_where_it_stands(tmp_path: Path) -> None:
+    robot = robot_file.load(robot_file.find("dynamixel"))
+    joint = robot.servos[0]
+    bus = Logged(joint.channel, joint.centre - 300.0)
+    port = PtyPort(bus, tmp_path / "port")
+    backend, line = backends.make(robot), SerialLine(str(port.path), robot.baud)
+    backend.identify(line)
+    holder = Holder(backend, line, robot, Calibration(joint, joint.centre, backend.lowest, backend.highest))
+    wait_until(lambda: bus.outputs.get(joint.channel) == joint.centre, 5.0, "the centre")
+    holder.close()
+    line.close()
+    port.close()
+    assert abs(bus.goals[0] - (joint.centre - 300.0)) <= 4.0
+    assert max(abs(b - a) for a, b in zip(bus.goals, bus.goals[1:], strict=False)) <= 4.0  # 300 a second, 100 a second
+    assert bus.outputs[joint.channel] is None
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_signal_lets_go_of_the_servo(tmp_path: Path, number: signal.Signals) -> None:
+    port = PtyPort(Maestro(), tmp_path / "port")
+    command = [sys.executable, "-m", "fin_servo_driver.calibrate_servo", str(robot_file.find("maestro"))]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        [*command, "--port", str(port.path)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment
+    ) as program:
+        wait_until(lambda: any(port.device.outputs.values()), 10.0, "a servo that is held")
+        program.send_signal(number)
+        assert program.wait(10.0) == 128 + number
+    wait_until(lambda: not any(port.device.outputs.values()), 1.0, "a servo without force")
+    port.close()
+
+
+def test_storing_keeps_the_links_and_rights_of_the_file(tmp_path: Path) -> None:
+    file, link = tmp_path / "elsewhere" / "fish.yaml", tmp_path / "robot.yaml"
+    file.parent.mkdir()
+    file.write_text(robot_file.find("firmata").read_text())
+    file.chmod(0o664)
+    link.symlink_to(file)
+    robot_file.save(robot_file.load(link), link)
+    assert link.is_symlink()
+    assert stat.S_IMODE(file.stat().st_mode) == 0o664
+    assert "Written by calibrate_servo" in file.read_text()
+    assert [path.name for path in file.parent.iterdir()] == ["fish.yaml"]
