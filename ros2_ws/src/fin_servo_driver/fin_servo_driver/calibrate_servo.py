@@ -162,7 +162,8 @@ class Holder:
             positions = self._backend.read(self._line).positions
             if self._centres.keys() <= positions.keys():
                 return {channel: positions[channel] for channel in self._centres}
-        msg = f"not all of channels {', '.join(map(str, self._centres))} tell where they stand: is one servo overloaded?"
+        channels = ", ".join(map(str, self._centres))
+        msg = f"not all of channels {channels} tell where they stand: is one of them overloaded?"
         raise LineStalledError(msg)
 
     def _hold(self) -> None:
