@@ -30,6 +30,7 @@ class Seen:
     """The facts, as the test sets them."""
 
     plants: Sequence[str] = ()
+    publishers: frozenset[str] = frozenset({"first"})
     missing_services: Sequence[str] = ()
     plant: PlantState | None = None
     fin_reply: Reply | None = None
@@ -264,10 +265,10 @@ def test_a_state_said_before_the_reset_does_not_count_as_being_at_the_start() ->
     assert rehearsal.trial.phase == "open the bag"
 
 
-@pytest.mark.parametrize(
-    ("phase", "state"),
-    [("wait for the fin", State.WAITING_FOR_FIN), ("wait at the start", State.WAITING_FOR_RESET)],
-)
+WAITING_FOR_PEOPLE = [("wait for the fin", State.WAITING_FOR_FIN), ("wait at the start", State.WAITING_FOR_RESET)]
+
+
+@pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
 def test_people_get_the_time_they_need(phase: str, state: State) -> None:
     rehearsal = Rehearsal()
     rehearsal.reach(phase)
@@ -279,6 +280,54 @@ def test_people_get_the_time_they_need(phase: str, state: State) -> None:
     impatient.say(state, 50 * SECOND, "mount the fin")
     impatient.update(3601.0)
     assert f"says {state} (mount the fin)" in impatient.failure
+
+
+@pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
+def test_nobody_is_waited_for_once_the_plant_is_gone(phase: str, state: State) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.say(state, 50 * SECOND, "mount the fin")
+    rehearsal.update(1e6)
+    rehearsal.seen.plants, rehearsal.seen.publishers = (), frozenset()
+    rehearsal.update(1.0)
+    rehearsal.update(30.0)
+    assert rehearsal.trial.result is None, "too early"
+    rehearsal.update(0.1)
+    assert rehearsal.failure == f"{phase}: nobody publishes topic /fish/plant_state any more (waited 30 s)"
+
+
+@pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
+def test_a_plant_that_is_out_of_sight_for_a_moment_is_waited_for(phase: str, state: State) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.say(state, 50 * SECOND, "mount the fin")
+    for _ in range(10):
+        for publishers in (frozenset[str](), frozenset({"first"})):
+            rehearsal.seen.publishers = publishers
+            rehearsal.update(20.0)
+    assert rehearsal.trial.phase == phase
+
+
+@pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
+def test_a_plant_that_was_started_anew_knows_nothing_of_the_trial(phase: str, state: State) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.say(state, 50 * SECOND, "mount the fin")
+    rehearsal.seen.publishers = frozenset({"first", "second"})  # the graph remembers the dead one for a while
+    rehearsal.update(1.0)
+    assert rehearsal.trial.phase == phase
+    rehearsal.seen.publishers = frozenset({"second"})
+    rehearsal.update(1.0)
+    assert f"{phase}: /fish/simulator was started after the fin had been set" in rehearsal.failure
+
+
+def test_a_plant_that_was_started_anew_before_it_got_the_fin_is_as_good_as_the_one_before() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("set the fin")
+    rehearsal.seen.publishers = frozenset({"first", "second"})
+    rehearsal.reach("wait for the fin")
+    rehearsal.seen.publishers = frozenset({"second"})
+    rehearsal.reach("measure")
 
 
 def test_a_plant_that_waits_for_people_must_answer_its_services_all_the_same() -> None:
@@ -305,6 +354,26 @@ def test_a_plant_that_stops_swimming_early_fails_the_trial() -> None:
     rehearsal.say(State.READY, 16 * SECOND, "no fresh gait", fin=SHOWN)
     rehearsal.update()
     assert "the plant went to READY 5.00 s into a swim of 12 s (no fresh gait)" in rehearsal.failure
+
+
+@pytest.mark.parametrize("phase", ["settle", "measure", "stop the gait"])
+def test_a_plant_that_begins_its_swim_anew_fails_the_trial(phase: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.seen.newest_velocity = 22 * SECOND  # what the phase waits for does not make up for it
+    rehearsal.say(State.SWIMMING, 10 * SECOND + 1, fin=SHOWN)
+    rehearsal.update()
+    assert rehearsal.failure.startswith(f"{phase}: topic /fish/plant_state says SWIMMING anew")
+    assert rehearsal.actions.count(Action.GAIT_ON) == rehearsal.actions.count(Action.GAIT_OFF)
+    assert rehearsal.actions[-1] is Action.CLOSE_BAG
+
+
+def test_a_state_that_is_said_again_with_its_stamp_changes_nothing() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("measure")
+    rehearsal.say(State.SWIMMING, 10 * SECOND, fin=SHOWN)
+    rehearsal.update()
+    assert rehearsal.trial.phase == "measure"
 
 
 def test_two_plants_in_one_namespace_are_refused_by_name() -> None:

@@ -53,6 +53,11 @@ class Observation:
         return self._client.plants()
 
     @property
+    def publishers(self) -> frozenset[str]:
+        """What tells the publishers of the plant's state apart."""
+        return self._client.publishers()
+
+    @property
     def missing_services(self) -> Sequence[str]:
         """The plant's services that are not there."""
         return self._client.missing_services()

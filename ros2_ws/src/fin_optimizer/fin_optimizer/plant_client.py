@@ -50,6 +50,7 @@ class PlantClient:
         self.parameters: dict[str, Value] = {}
         self._node = node
         self._plants: list[str] = []
+        self._publishers: frozenset[str] = frozenset()
         self._look_due = 0.0
         self._name = ""
         self._set_parameters: Client | None = None
@@ -70,12 +71,21 @@ class PlantClient:
 
     def plants(self) -> list[str]:
         """Return the full names of the nodes that publish a plant's state in this namespace."""
+        self._look()
+        return self._plants
+
+    def publishers(self) -> frozenset[str]:
+        """Return the publishers' ids: a node that is started anew has the name of the one before, but another id."""
+        self._look()
+        return self._publishers
+
+    def _look(self) -> None:
         now = time.monotonic()
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
             found = self._node.get_publishers_info_by_topic(self._state_topic)
             self._plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in found})
-        return self._plants
+            self._publishers = frozenset(bytes(end.endpoint_gid).hex() for end in found)
 
     def missing_services(self) -> list[str]:
         """Return the full names of the services that the plant should offer and does not; first make its clients."""

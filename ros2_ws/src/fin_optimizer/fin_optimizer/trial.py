@@ -103,6 +103,10 @@ class Facts(Protocol):
         """Full names of the nodes that publish ``plant_state`` in the namespace."""
 
     @property
+    def publishers(self) -> frozenset[str]:
+        """What tells each publisher of ``plant_state`` from one that is started later under the same name."""
+
+    @property
     def missing_services(self) -> Sequence[str]:
         """Full names of the plant's services that are not there."""
 
@@ -213,6 +217,8 @@ class Trial:
         self._reset_after = -1
         self._gait_is_on = False
         self._bag_is_open = False
+        self._spoken_to: frozenset[str] = frozenset()
+        self._gone_since: float | None = None
 
     @property
     def phase(self) -> str:
@@ -237,7 +243,7 @@ class Trial:
         if self._index < 0:
             return self._enter(0, now, facts)
         phase = PHASES[self._index]
-        if failure := self._failure(facts):
+        if failure := self._failure(facts) or self._lost(now, facts):
             return self._end(failure)
         if phase.done(self, facts):
             return self._next(now, facts)
@@ -264,6 +270,8 @@ class Trial:
     def _enter(self, index: int, now: float, facts: Facts) -> list[Action]:
         self._index = index
         self._progress_at, self._newest_seen = now, facts.newest_velocity
+        if index == _FIN_IS_SET + 1:
+            self._spoken_to = facts.publishers
         action = PHASES[index].action
         chosen = action if isinstance(action, Action) or action is None else action(facts)
         if chosen is None:
@@ -304,9 +312,37 @@ class Trial:
             return _no_plant(self, facts)
         if self._index > _AT_REST and _is(facts, State.FAULT):
             return _says(self, facts)
+        if self.window is not None and _is(facts, State.SWIMMING) and not self._is_this_swim(facts):
+            return (
+                f"topic {self.topic('plant_state')} says SWIMMING anew, {self.swum(facts):.2f} s into the swim: the "
+                "plant got other parameters, or stopped and began again; leave it alone while it swims"
+            )
         if phase.action is Action.RESET and facts.reset_reply is not None and not facts.reset_reply.accepted:
             return f"the plant refused: {facts.reset_reply.reason}"
         return ""
+
+    def _is_this_swim(self, facts: Facts) -> bool:
+        """Whether the plant speaks of the swim of which the window is a part: a score needs one start."""
+        return facts.plant is not None and facts.plant.stamp == self._swimming_since
+
+    def _lost(self, now: float, facts: Facts) -> Result | None:
+        """Return how the trial ends because the plant that got the fin is there no more, whoever is waited for."""
+        if self._index <= _FIN_IS_SET:
+            return None
+        here = facts.publishers
+        self._spoken_to = self._spoken_to or here
+        if here & self._spoken_to:
+            self._gone_since = None
+            return None
+        if here:
+            reason = "was started after the fin had been set, and does not know it"
+            return Result(Outcome.FAILED, f"{self.phase}: {' and '.join(facts.plants)} {reason}")
+        self._gone_since = now if self._gone_since is None else self._gone_since
+        limit = self._timeouts.find  # discovery may lose sight of a plant for a moment
+        if now - self._gone_since <= limit:
+            return None
+        reason = f"nobody publishes topic {self.topic('plant_state')} any more (waited {limit:g} s)"
+        return Result(Outcome.FAILED, f"{self.phase}: {reason}")
 
     def _overdue(self, now: float, facts: Facts) -> Result | None:
         phase = PHASES[self._index]
@@ -526,4 +562,6 @@ PHASES: tuple[Phase, ...] = (
 )
 _AT_REST = 1
 """A fault counts after this phase: before, it is an earlier trial's, and the trial's first care is to clear it."""
+_FIN_IS_SET = 2
+"""The plant that took the fin in this phase is the trial's from then on."""
 _SWIMMING_PHASES = ("settle", "measure")
