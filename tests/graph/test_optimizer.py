@@ -220,6 +220,37 @@ def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, 
     assert "has 2 publishers (/fish/simulator, /fish/stub)" in optimizer.output()
 
 
+@pytest.mark.parametrize(
+    ("comes_back", "reason"),
+    [
+        (False, "wait for the fin: nobody publishes topic /fish/plant_state any more (waited 2 s)"),
+        (True, "wait for the fin: who publishes topic /fish/plant_state now was started after the fin had been set"),
+    ],
+)
+def test_a_driver_that_ends_while_somebody_mounts_a_fin_fails_the_trial(
+    start: Start, folder: Path, client: PlantClient, comes_back: bool, reason: str
+) -> None:
+    driver = start_node(start, "fin_servo_driver", "servo_driver")
+    optimizer = start_optimizer(start, folder, "timeout.find:=2.0", "failures_in_a_row:=1")
+    client.wait_until(lambda: len(client.received(topics.PLANT_STATE)) > 1, "the state with the fin that is wanted")
+    driver.interrupt()
+    if comes_back:
+        start_node(start, "fin_servo_driver", "servo_driver")
+    assert optimizer.wait(30) == 1
+    assert [row["reason"].startswith(reason) for row in table(folder)] == [True]
+
+
+def test_parameters_that_are_changed_during_a_swim_fail_the_trial(
+    start: Start, folder: Path, client: PlantClient
+) -> None:
+    start_node(start, "fin_sim", "simulator")
+    optimizer = start_optimizer(start, folder, "failures_in_a_row:=1")
+    client.wait_for_state(State.SWIMMING)
+    assert client.set_parameters({"fin.density": 1100.0}).successful
+    assert optimizer.wait(30) == 1
+    assert "topic /fish/plant_state says SWIMMING anew" in table(folder)[0]["reason"]
+
+
 def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, call: Callable[[str], Any]) -> None:
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
     optimizer = start_optimizer(start, folder, "trials:=1000", "autostart:=false", "measurement.duration:=1.0")

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 
 _LOOK_PERIOD = 0.05
 """s between two looks at the graph, which take longer than a look at a variable."""
+_NAME_TO_COME = "_NODE_NAME_UNKNOWN_"
+"""What rmw calls a node whose publisher was discovered a moment before its name."""
 _FAREWELL = Duration(seconds=0.5)
 
 
@@ -84,7 +86,8 @@ class PlantClient:
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
             found = self._node.get_publishers_info_by_topic(self._state_topic)
-            self._plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in found})
+            named = [end for end in found if end.node_name != _NAME_TO_COME]
+            self._plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in named})
             self._publishers = frozenset(bytes(end.endpoint_gid).hex() for end in found)
 
     def missing_services(self) -> list[str]:

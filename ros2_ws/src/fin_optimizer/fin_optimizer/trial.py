@@ -335,8 +335,9 @@ class Trial:
             self._gone_since = None
             return None
         if here:
-            reason = "was started after the fin had been set, and does not know it"
-            return Result(Outcome.FAILED, f"{self.phase}: {' and '.join(facts.plants)} {reason}")
+            topic = self.topic("plant_state")
+            reason = f"who publishes topic {topic} now was started after the fin had been set, and does not know it"
+            return Result(Outcome.FAILED, f"{self.phase}: {reason}")
         self._gone_since = now if self._gone_since is None else self._gone_since
         limit = self._timeouts.find  # discovery may lose sight of a plant for a moment
         if now - self._gone_since <= limit:
