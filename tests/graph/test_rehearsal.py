@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from support.processes import StartedProcess
 
 pytestmark = pytest.mark.graph
+OTHER_DEVICES = ("maestro", "lcus", "kmtronic")
 
 
 @pytest.mark.timeout(180)
@@ -42,7 +43,9 @@ def test_the_optimiser_works_against_the_hidden_fish_as_against_a_robot(
 
 
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("device", ["dynamixel", "modbus"])
+@pytest.mark.parametrize(
+    "device", ["dynamixel", "modbus", *(pytest.param(name, marks=pytest.mark.long) for name in OTHER_DEVICES)]
+)
 def test_other_devices_swim_too_and_faults_are_survived(
     start: Callable[..., StartedProcess], ros_domain: int, device: str
 ) -> None:
@@ -64,6 +67,15 @@ def test_other_devices_swim_too_and_faults_are_survived(
         client.wait_for_state(State.FAULT)
         assert client.set_parameters({"fault.unplugged": False}).successful
         client.wait_for_state(State.SWIMMING, timeout=6.0)  # the gait is still repeated: a fresh one has come
+        if device not in {"lcus", "kmtronic"}:  # those never answer, so their silence cannot be heard
+            assert client.set_parameters({"fault.silent": True}).successful
+            client.wait_for_state(State.FAULT)
+            assert client.set_parameters({"fault.silent": False}).successful
+            client.wait_for_state(State.SWIMMING)
+        assert client.set_parameters({"fault.drop_rate": 0.05}).successful
+        client.spin(1.0)
+        assert client.set_parameters({"fault.drop_rate": 0.0}).successful
+        client.wait_for_state(State.SWIMMING)
         client._plant = "servo_driver"
 
 

@@ -20,7 +20,9 @@ from fin_plant import topics
 from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_message, nanoseconds_of
 from fin_plant.plant_state import State
-from fin_servo_driver.emulator.devices import Firmata
+from fin_servo_driver.backends import lcus
+from fin_servo_driver.emulator.devices import Firmata, SilentRelays
+from support.random_gaits import random_gaits
 from support.robot_client import (
     ACTIVATE,
     ACTIVE,
@@ -269,6 +271,28 @@ def test_bad_gaits_are_refused_counted_and_do_not_feed_the_watchdog(
     assert all(LOWEST <= width <= HIGHEST for width in recorder(port).widths)
 
 
+@pytest.mark.parametrize("count", [2_000, pytest.param(100_000, marks=[pytest.mark.long, pytest.mark.timeout(600)])])
+def test_no_message_makes_the_node_fail_or_the_tail_leave_its_limits(
+    driver: StartedProcess, client: RobotClient, port: PtyPort, count: int
+) -> None:
+    client.make_ready()
+    random = np.random.default_rng(21)
+    for number, message in enumerate(random_gaits(random, count)):
+        client.publish_gait(message)
+        if number % 20 == 0:
+            client.spin(0.005)
+    client.publish_gait(None)
+    # Its queue keeps the newest only, so most are overtaken.
+    client.wait_until(lambda: int(client.diagnostic("gaits_refused") or 0) > 20, "refusals")
+    assert driver.running
+    assert "Traceback" not in driver.output()
+    widths = recorder(port).widths
+    assert all(LOWEST <= width <= HIGHEST for width in widths)
+    assert len(set(widths)) > 10, "some of it moved the tail"
+    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    client.wait_for_state(State.SWIMMING)
+
+
 def test_a_gait_beyond_the_limits_is_applied_inside_them_and_said_so(
     driver: StartedProcess, client: RobotClient, port: PtyPort
 ) -> None:
@@ -479,6 +503,21 @@ def test_lost_bytes_never_lead_beyond_the_limits(driver: StartedProcess, client:
     widths = recorder(port).widths
     assert all(1056.0 <= width <= 1892.0 for width in widths)
     assert sum(LOWEST <= width <= HIGHEST for width in widths) > 0.8 * len(widths)
+
+
+def test_relays_swim_and_their_operations_are_counted(
+    start: Callable[..., StartedProcess], client: RobotClient, tmp_path: Path
+) -> None:
+    board = SilentRelays(lcus.switch_frame)
+    with plugged_in(board, tmp_path) as port:
+        start_driver(start, "robot_file:=lcus", f"port:={port.path}")
+        client.make_ready()
+        client.publish_gait(gait_message(carangiform(math.radians(15.0), 2.0).rows()), repeat=True)
+        client.wait_for_state(State.SWIMMING)
+        client.wait_until(lambda: int(client.diagnostic("relay_1_operations") or 0) >= 3, "operations of relay 1")
+        assert int(client.diagnostic("relay_2_operations") or 0) >= 2
+        assert client.emergency_stop(on=True).success
+        client.wait_until(lambda: not any(board.outputs.values()), "all relays off")
 
 
 def test_inactive_it_keeps_its_port_and_publishes_its_state(

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import itertools
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from fin_plant.messages import gait_from_message
 from fin_servo_driver import backends, robot_file
@@ -20,41 +18,13 @@ from fin_servo_driver.robot_file import RelayJoint, RelayTiming, ServoJoint
 from fin_servo_driver.safety import SetPointLimiter
 from fin_servo_driver.set_points import Motion, ServoMotion
 from fin_servo_driver.tail import Command, Settings, Tail
+from support.random_gaits import numbers, random_gaits
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
     from fin_plant.gait import Gait
 
 pytestmark = pytest.mark.long
-SPECIAL = np.array(
-    [
-        0.0,
-        -0.0,
-        math.nan,
-        math.inf,
-        -math.inf,
-        5e-324,
-        -5e-324,
-        2.2e-308,
-        1e308,
-        -1e308,
-        0.26179938779914946,
-        1e-9,
-        15.0,
-    ]
-)
 JOINT = ServoJoint(9, 1500, -1, 573, 1200, 1800, 0.27, 6.0)
-
-
-def numbers(random: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """Return floats of every kind: special ones, any bit pattern, and sensible ones."""
-    kinds = random.integers(0, 3, count)
-    bits = random.integers(0, 2**64, count, dtype=np.uint64).view(np.float64)
-    sensible = random.normal(0.0, 1.0, count)
-    return np.choose(kinds, [random.choice(SPECIAL, count), bits, sensible])
 
 
 @pytest.mark.timeout(900)
@@ -71,20 +41,6 @@ def test_half_a_million_angles_and_times_stay_inside_the_limits() -> None:
         last = result.angle
 
 
-def messages(random: np.random.Generator, count: int) -> Iterator[Float64MultiArray]:
-    """Yield gaits with wrong sizes, wrong layouts and every kind of number, and some that are right."""
-    for _ in range(count):
-        size = int(random.choice([0, 1, 3, 4, 4, 4, 4, 8, 84]))
-        data = numbers(random, size)
-        if random.random() < 0.5 and size == 4:
-            data = np.abs(np.array([0.2, 0.9, 0.1, 0.01]) * random.normal(1.0, 1.0, 4))
-        message = Float64MultiArray(data=data.tolist())
-        if random.random() < 0.2:
-            message.layout.dim = [MultiArrayDimension(size=int(random.integers(0, 5))) for _ in range(2)]
-            message.layout.data_offset = int(random.integers(0, 2))
-        yield message
-
-
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("kind", ["servos", "relays"])
 def test_a_hundred_thousand_messages_move_a_tail_inside_its_limits_or_are_refused(kind: str) -> None:
@@ -95,7 +51,7 @@ def test_a_hundred_thousand_messages_move_a_tail_inside_its_limits_or_are_refuse
     tail = Tail(motion, Settings(0.5, 0.2))
     tail.arm(0.0)
     now, refused, followed = 0.0, 0, 0
-    for message in messages(random, 100_000):
+    for message in random_gaits(random, 100_000):
         now += float(random.exponential(0.05))
         try:
             gait: Gait = motion.allowed(gait_from_message(message), 0.2618, 5.0)

@@ -67,8 +67,8 @@ def describe(
         level, text = WARN, f"relay {worn[0]} is beyond its rated {rated_operations} operations: replace it"
     if health.temperature is not None and health.temperature >= _HOT:
         level, text = WARN, f"a servo has {health.temperature:g} degrees Celsius: let it cool"
-    if health.fault:
-        level, text = WARN, health.fault
+    if health.fault or health.refusal:
+        level, text = WARN, health.fault or health.refusal
     if not health.connected:
         level, text = ERROR, health.reason
     p50, p99, largest = np.percentile(latenesses or [0.0], [50.0, 99.0, 100.0])
