@@ -214,11 +214,11 @@ class Keyboard:
         return False
 
 
-def run(client: DriverClient) -> int:
-    """Show and ask until q is pressed or the terminal is gone."""
+def run(client: DriverClient, signals: Sequence[int]) -> int:
+    """Show and ask until q is pressed, the terminal is gone or a signal has come; return the exit code."""
     keyboard = Keyboard(client)
     with keys() as typed, Live(auto_refresh=False, screen=True) as live:
-        while True:
+        while not signals:
             client.spin(_LOOK)
             live.update(screen(client.state, client.device, client.answer, client.silence()), refresh=True)
             now = time.monotonic()
@@ -226,11 +226,7 @@ def run(client: DriverClient) -> int:
             text = typed()
             if text is None or (text and keyboard.typed(text, now)):
                 return 0
-
-
-def _leave(number: int, _frame: object) -> None:
-    """Give the terminal back as it was, and end."""
-    raise SystemExit(128 + number)
+    return 128 + signals[0]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -243,13 +239,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return node_process.EXIT_USAGE
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(node_process.FAST_DDS_PROFILE))
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _leave)
+    # Noted only: an exception out of a signal's handler is lost where it meets one of rclpy's callbacks.
+    signals: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda came, _frame: signals.append(came))
     client = DriverClient(namespace=given.namespace)
     try:
-        return run(client)
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT
+        return run(client, signals)
     finally:
         client.close()
 
