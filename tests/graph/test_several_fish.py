@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -15,7 +17,6 @@ from support.waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from support.processes import StartedProcess
 
@@ -107,6 +108,52 @@ def test_a_fish_in_fault_is_left_out_and_takes_part_again_after_its_reset(
     study.signal(signal.SIGINT)
     assert study.wait(30) == 130
     assert all(trial.outcome is not Outcome.RUNNING for trial in read_trials(folder))
+
+
+def start_bringup(start: Start, folder: Path, *words: str) -> StartedProcess:
+    fish = f"plants:=[{','.join(FISH)}]"
+    return start("fin_optimizer", "bringup", f"study_folder:={folder}", fish, "timeout.silence:=1.0", *words)
+
+
+def node(bringup: StartedProcess, *words: str) -> int:
+    """Return the process of the node whose command line holds these words."""
+    children = Path(f"/proc/{bringup.pid}/task/{bringup.pid}/children").read_text().split()
+    lines = {int(child): Path(f"/proc/{child}/cmdline").read_text() for child in children}
+    return next(child for child, line in lines.items() if all(word in line for word in words))
+
+
+def test_of_several_fish_one_that_dies_is_named_and_the_study_goes_on(start: Start, tmp_path: Path) -> None:
+    folder = tmp_path / "study"
+    study = start_bringup(start, folder, "trials:=4", "measurement.duration:=1.5")
+    wait_until(lambda: len(list(folder.glob("bags/*/*.mcap"))) > 1, 30, "both fish to swim")
+    os.kill(node(study, "simulator", FISH[0]), signal.SIGKILL)  # the one that gives the clock
+    assert study.wait(60) == 0
+    assert f"error: {FISH[0]}/simulator was killed by SIGKILL before the study did; the last it said:" in study.output()
+    assert f"the study goes on without {FISH[0]}" in study.output()
+    assert all(candidate.score is not None for candidate in candidates(read_trials(folder)))
+
+
+def test_a_bring_up_whose_fish_are_all_gone_ends(start: Start, tmp_path: Path) -> None:
+    study = start_bringup(start, tmp_path / "study", "trials:=1000", "timeout.find:=1000.0")
+    study.wait_for_output("trial 0001")
+    for fish in FISH:
+        os.kill(node(study, "simulator", fish), signal.SIGKILL)
+    assert study.wait(30) == 1
+    assert all(f"error: {fish}/simulator was killed by SIGKILL" in study.output() for fish in FISH)
+
+
+@pytest.mark.timeout(120)
+def test_a_fish_that_lost_one_of_its_nodes_is_stopped_altogether(start: Start, tmp_path: Path) -> None:
+    study = start_bringup(start, tmp_path / "study", "plant:=rehearsal", "trials:=1000")
+    wait_until(lambda: len(list(tmp_path.glob("study/bags/*/*.mcap"))) > 1, 60, "both fish to swim")
+    others = [node(study, FISH[1], name) for name in ("__node:=servo_driver", "__node:=rehearsal")]
+    os.kill(node(study, FISH[1], "velocity_estimator"), signal.SIGKILL)
+    wait_until(lambda: not any(Path(f"/proc/{other}/exe").exists() for other in others), 20, "the end of the fish")
+    assert f"the study goes on without {FISH[1]}" in study.output()
+    study.signal(signal.SIGINT)
+    assert study.wait(30) == 130
+    swum = {trial.plant for trial in read_trials(tmp_path / "study") if trial.started is not None}
+    assert swum == set(FISH), "each has a port of its own"
 
 
 def test_two_objectives_are_measured_in_the_simulator_and_again_from_the_bag(start: Start, tmp_path: Path) -> None:

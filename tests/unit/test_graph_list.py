@@ -144,10 +144,14 @@ class Recorded:
         self.arguments, self.named = arguments, named
 
 
-def test_the_launch_file_starts_the_same_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def launch_file(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The launch file's functions, run with stand-ins for the launch system."""
     names = {
         "launch": ["LaunchDescription"],
-        "launch.actions": ["DeclareLaunchArgument", "OpaqueFunction", "Shutdown"],
+        "launch.actions": ["DeclareLaunchArgument", "EmitEvent", "LogInfo", "OpaqueFunction", "Shutdown"],
+        "launch.events": [],
+        "launch.events.process": ["ShutdownProcess"],
         "launch_ros": [],
         "launch_ros.actions": ["Node"],
     }
@@ -156,17 +160,48 @@ def test_the_launch_file_starts_the_same_nodes(monkeypatch: pytest.MonkeyPatch) 
         for name in classes:
             setattr(stand_in, name, type(name, (Recorded,), {}))
         monkeypatch.setitem(sys.modules, module, stand_in)
-    launch_file = runpy.run_path(str(LAUNCH_FILE))
+    return runpy.run_path(str(LAUNCH_FILE))
+
+
+def launch_context(launch_file: dict[str, Any], **given: str) -> types.SimpleNamespace:
     *declared, _ = launch_file["generate_launch_description"]().arguments[0]
     assert [item.arguments[0] for item in declared] == [argument.name for argument in graph.arguments()]
-    configurations = {item.arguments[0]: item.named["default_value"] for item in declared} | {"trials": "7"}
-    context = types.SimpleNamespace(launch_configurations=configurations)
-    started = [node.named for node in launch_file["start_nodes"](context)]
-    expected = graph.nodes({"trials": "7"})
-    assert [(node["package"], node["executable"], node["name"]) for node in started] == [
-        (spec.package, spec.executable, spec.name) for spec in expected
+    configurations = {item.arguments[0]: item.named["default_value"] for item in declared} | given
+    return types.SimpleNamespace(launch_configurations=configurations, is_shutdown=False)
+
+
+def test_the_launch_file_starts_the_same_nodes(launch_file: dict[str, Any]) -> None:
+    given = {"trials": "7", "plants": "[/b/fish, /a/fish]"}
+    started = [node.named for node in launch_file["start_nodes"](launch_context(launch_file, **given))]
+    expected = graph.nodes(given)
+    assert [(node["package"], node["executable"], node["name"], node["namespace"]) for node in started] == [
+        (spec.package, spec.executable, spec.name, spec.namespace) for spec in expected
     ]
     assert [node["parameters"] for node in started] == [[dict(spec.parameters)] for spec in expected]
+
+
+def said(actions: list[Recorded]) -> list[tuple[str, Any]]:
+    return [(type(action).__name__, next(iter(action.named.values()))) for action in actions]
+
+
+def test_a_launched_study_ends_with_its_optimiser_or_its_last_fish(launch_file: dict[str, Any]) -> None:
+    context = launch_context(launch_file, plants="[/a/fish, /b/fish]", plant="rehearsal")
+    nodes = launch_file["start_nodes"](context)
+    assert said([nodes[-1].named["on_exit"]]) == [("Shutdown", "optimizer has ended")]
+    of_a, of_b = nodes[:3], nodes[3:6]
+    words, others = of_a[1].named["on_exit"](None, context)
+    assert said([words]) == [("LogInfo", "/a/fish/servo_driver has ended: the study goes on without /a/fish")]
+    matches = others.named["event"].named["process_matcher"]
+    assert [node for node in nodes if matches(node)] == of_a
+    assert of_a[0].named["on_exit"](None, context) == []
+    assert said(of_b[2].named["on_exit"](None, context)) == [("Shutdown", "/b/fish/velocity_estimator has ended")]
+
+
+def test_the_nodes_of_a_launched_study_that_is_stopped_end_without_a_word(launch_file: dict[str, Any]) -> None:
+    context = launch_context(launch_file, plants="[/a/fish, /b/fish]")
+    nodes = launch_file["start_nodes"](context)
+    context.is_shutdown = True
+    assert [node.named["on_exit"](None, context) for node in nodes[:-1]] == [[], []]
 
 
 def test_a_fin_is_swum_three_times_on_a_robot_and_once_in_the_simulator_unless_asked_otherwise() -> None:

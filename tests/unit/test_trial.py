@@ -318,7 +318,7 @@ def test_a_plant_that_was_started_anew_knows_nothing_of_the_trial(phase: str, st
     assert rehearsal.trial.phase == phase
     rehearsal.seen.publishers = frozenset({"second"})
     rehearsal.update(1.0)
-    assert f"{phase}: who publishes topic /fish/plant_state now was started after the fin had been set" in rehearsal.failure
+    assert f"{phase}: who publishes topic /fish/plant_state now was started after the fin" in rehearsal.failure
 
 
 def test_a_plant_that_was_started_anew_before_it_got_the_fin_is_as_good_as_the_one_before() -> None:

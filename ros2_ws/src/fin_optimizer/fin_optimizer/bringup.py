@@ -59,13 +59,17 @@ def _end_with_parent() -> None:
 class Child:
     """A node's process, in a process group of its own, so that it gets each signal once and from here only."""
 
-    def __init__(self, spec: graph.NodeSpec) -> None:
+    def __init__(self, spec: graph.NodeSpec, name: str) -> None:
         """Start it.
+
+        Args:
+            spec: What to start.
+            name: Of the node, by which a person tells it from the others.
 
         Raises:
             FileNotFoundError: Its executable is not installed.
         """
-        self.name = spec.name
+        self.name = name
         self.last_words: deque[str] = deque(maxlen=_LAST_WORDS)
         command = [str(find_executable(spec.package, spec.executable)), *spec.ros_arguments()]
         self.process = subprocess.Popen(  # noqa: S603
@@ -122,9 +126,13 @@ class Bringup:
         self._selector = selectors.DefaultSelector()
         self._listen_to_signals()
         self.children: list[Child] = []
+        self._fish: dict[str, list[Child]] = {}
+        several = len({spec.namespace for spec in specs[:-1]}) > 1
         for spec in specs:
-            child = Child(spec)
+            child = Child(spec, f"{spec.namespace}/{spec.name}" if several else spec.name)
             self.children.append(child)
+            if len(self.children) < len(specs):
+                self._fish.setdefault(spec.namespace, []).append(child)
             self._selector.register(child.errors, selectors.EVENT_READ, child)
             self._selector.register(child.ended, selectors.EVENT_READ, child)
 
@@ -147,19 +155,32 @@ class Bringup:
         self._signal = self._signal or number
 
     def run(self) -> int:
-        """Wait for the end of the study and return its exit code: the optimiser's, 128 + a signal, or 1."""
-        while not self._signal and all(child.process.poll() is None for child in self.children):
-            self._wait(None)
-        early = [child for child in self.children[:-1] if child.process.poll() is not None]
-        if self._signal:
+        """Wait for the end of the study and return its exit code: the optimiser's, 128 + a signal, or 1.
+
+        One of several fish may end before: the others swim on.
+        """
+        while self._fish and not self._signal and self.optimizer.process.poll() is None:
+            if not self._bury_a_fish():
+                self._wait(None)
+        if self._signal or self.optimizer.process.poll() is not None:
             return self._end(self._signal)
-        if self.optimizer.process.poll() is not None:
-            return self._end()
-        for child in early:
-            child.echo()
-            sys.stderr.write(_obituary(child))
         self._end()
         return EXIT_FAILURE
+
+    def _bury_a_fish(self) -> bool:
+        """Name a fish of which a process has ended, if any, and end the rest of it: half a fish only spoils trials."""
+        gone = [name for name, fish in self._fish.items() if any(child.process.poll() is not None for child in fish)]
+        if not gone:
+            return False
+        children = self._fish.pop(gone[0])
+        dead = [child for child in children if child.process.poll() is not None]
+        for child in dead:
+            child.echo()
+            sys.stderr.write(_obituary(child))
+        if self._fish:
+            sys.stderr.write(f"note: the study goes on without {gone[0]}\n")
+            self._end_children(children)
+        return True
 
     def _end(self, number: int = 0) -> int:
         """End all processes, the optimiser first: its last gait must still find the plant.
@@ -167,11 +188,7 @@ class Bringup:
         Args:
             number: Signal that asked for the end here, 0 if none did.
         """
-        for child in reversed(self.children):
-            for way, patience in _WAYS_TO_END:
-                if child.process.poll() is None:
-                    child.signal(way)
-                    self._wait_for(child, patience)
+        self._end_children(self.children)
         code = self.optimizer.process.returncode
         self.optimizer.echo()
         if number:
@@ -180,6 +197,13 @@ class Bringup:
             sys.stderr.write(_obituary(self.optimizer))
             return EXIT_FAILURE
         return code
+
+    def _end_children(self, children: Sequence[Child]) -> None:
+        for child in reversed(children):
+            for way, patience in _WAYS_TO_END:
+                if child.process.poll() is None:
+                    child.signal(way)
+                    self._wait_for(child, patience)
 
     def _wait_for(self, child: Child, patience: float) -> None:
         until = time.monotonic() + patience
