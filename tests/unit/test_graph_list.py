@@ -70,6 +70,35 @@ def test_a_robot_is_its_driver_and_an_estimator_of_its_velocity() -> None:
     assert optimizer.parameters == {"trials": 3, "repeats": 3}
 
 
+def test_each_of_several_robots_has_a_robot_file_of_its_own() -> None:
+    *nodes, _ = graph.nodes({"plant": "robot", "plants": "[/a/fish, /b/fish]", "robot_file": "[a.yaml, b.yaml]"})
+    files = {node.namespace: node.parameters["robot_file"] for node in nodes if node.name == "servo_driver"}
+    assert files == {"/a/fish": "a.yaml", "/b/fish": "b.yaml"}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"robot_file": "a.yaml"}, "robot_file:=a.yaml names 1 robot files for the 2 fish of plants"),
+        ({}, "robot_file:= names 0 robot files for the 2 fish of plants"),
+        ({"robot_file": "[a.yaml, a.yaml]"}, "names a.yaml twice, but two drivers cannot share a port"),
+        ({"robot_file": "[a.yaml, b.yaml]", "port": "/dev/a"}, "port:=/dev/a cannot be the port of 2 robots"),
+    ],
+)
+def test_several_robots_cannot_share_a_robot_file_or_a_port(given: dict[str, str], message: str) -> None:
+    with pytest.raises(ValueError) as refused:  # noqa: PT011  (the message is looked at below)
+        graph.nodes({"plant": "robot", "plants": "[/a/fish, /b/fish]", **given})
+    assert message in str(refused.value)
+    assert "robot_file:=[a.yaml, b.yaml]" in str(refused.value) or "in its robot file" in str(refused.value)
+
+
+def test_several_fish_of_a_rehearsal_are_emulated_alike() -> None:
+    *nodes, _ = graph.nodes({"plant": "rehearsal", "plants": "[/a/fish, /b/fish]", "robot_file": "modbus"})
+    of_each = [[node.name for node in nodes if node.namespace == fish] for fish in ("/a/fish", "/b/fish")]
+    assert of_each == [["rehearsal", "servo_driver", "velocity_estimator"]] * 2
+    assert [node.parameters.get("robot_file") for node in nodes if node.name == "rehearsal"] == ["modbus"] * 2
+
+
 def test_a_rehearsal_adds_what_stands_for_the_robot_and_says_so() -> None:
     rehearsal, driver, estimator, optimizer = graph.nodes({"plant": "rehearsal", "robot_file": "modbus"})
     assert (rehearsal.name, rehearsal.parameters) == ("rehearsal", {"robot_file": "modbus"})

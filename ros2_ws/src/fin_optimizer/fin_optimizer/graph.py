@@ -155,14 +155,41 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     _refuse_unknown(values, (*OPTIMIZER_PARAMETERS, *(name for node in plant for name in node.table)))
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
     fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
+    each_robot = _robots(values, len(fish)) if given.get("plant") == "robot" and len(fish) > 1 else [{}] * len(fish)
     specs = []
-    for number, each in enumerate(fish):
+    for number, (each, own) in enumerate(zip(fish, each_robot, strict=True)):
         for node in plant:
-            chosen = {**_parameters(node.table, values), **node.fixed}
+            chosen = {**_parameters(node.table, values | own), **node.fixed}
             if number:
                 chosen |= {name: value for name, value in _LATER_FISH.items() if name in node.table}
             specs.append(NodeSpec(node.package, node.name, node.name, each, chosen))
     return (*specs, optimizer)
+
+
+def _robots(values: Mapping[str, str], count: int) -> list[dict[str, str]]:
+    """Return what the arguments say of each of several robots alone.
+
+    Raises:
+        ValueError: Two would share a robot file or a port.
+    """
+    given = values.get("robot_file", "")
+    files = _words(given)
+    advice = "give one for each, in their order, like robot_file:=[a.yaml, b.yaml]"
+    if len(files) != count:
+        msg = f"robot_file:={given} names {len(files)} robot files for the {count} fish of plants: {advice}"
+        raise ValueError(msg)
+    if twice := next((file for file in files if files.count(file) > 1), ""):
+        msg = f"robot_file:={given} names {twice} twice, but two drivers cannot share a port: {advice}"
+        raise ValueError(msg)
+    if port := values.get("port", ""):
+        msg = f"port:={port} cannot be the port of {count} robots: leave it out, and give each one's in its robot file"
+        raise ValueError(msg)
+    return [{"robot_file": file} for file in files]
+
+
+def _words(text: str) -> list[str]:
+    """Return the texts of a list like ``[a, b]``."""
+    return [word for word in re.split(r"[\[\],\s]+", text) if word]
 
 
 def _refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
@@ -192,7 +219,7 @@ def _value(parameter: Parameter, text: str) -> Value:
         return parameter.check(text)
     try:
         if parameter.kind == "string_array":
-            return parameter.check([word for word in re.split(r"[\[\],\s]+", text) if word])
+            return parameter.check(_words(text))
         # JSON's numbers and truth values, and what people write for numbers besides: 1e9, .5
         value = json.loads(text.lower()) if parameter.kind != "double" else float(text)
     except ValueError:
