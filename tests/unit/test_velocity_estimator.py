@@ -204,6 +204,52 @@ def test_one_stamp_from_the_future_does_not_silence_it_for_ever() -> None:
     assert len(estimate(path)) > 0.9 * len(path)
 
 
+def received(ahead: float, settings: Settings = SETTINGS) -> tuple[VelocityEstimator, list[Velocity]]:
+    """Let poses arrive whose stamps are so many seconds ahead of the receiver's clock."""
+    estimator = VelocityEstimator(settings)
+    found = [estimator.add(*pose, now=pose[0] - round(ahead * SECOND)) for pose in poses(straight)]
+    return estimator, [velocity for velocity in found if velocity is not None]
+
+
+@pytest.mark.parametrize("ahead", [0.0501, 1.0, 3600.0])
+def test_poses_from_the_receivers_future_are_refused_and_counted(ahead: float) -> None:
+    estimator, velocities = received(ahead)
+    assert velocities == []
+    assert estimator.refused["from the future"] == len(poses(straight))
+    assert f"{ahead:.3f} s ahead of this computer's clock, allowed are 0.05 s: synchronise" in estimator.silent
+
+
+@pytest.mark.parametrize("ahead", [0.05, 0.0, -0.03, -3600.0])
+def test_poses_of_now_and_before_are_used(ahead: float) -> None:
+    estimator, velocities = received(ahead)
+    assert len(velocities) > 9.5 * RATE
+    assert (estimator.refused["from the future"], estimator.silent) == (0, "")
+
+
+@pytest.mark.parametrize(("ahead", "late"), [(-0.19, 0), (-0.21, 500), (-1.0, 500), (0.0, 0)])
+def test_poses_that_come_late_are_counted(ahead: float, late: int) -> None:
+    estimator, velocities = received(ahead)
+    assert velocities
+    assert estimator.late == late
+    assert estimator.age == pytest.approx(-ahead)
+
+
+def test_one_pose_from_the_future_among_good_ones_changes_nothing_else() -> None:
+    estimator = VelocityEstimator(SETTINGS)
+    found = []
+    for index, pose in enumerate(poses(straight)):
+        if index == 100:
+            estimator.add(pose[0] + 3600 * SECOND, *pose[1:], now=pose[0])
+        found.append(estimator.add(*pose, now=pose[0]))
+    assert [velocity for velocity in found if velocity is not None] == estimate(poses(straight))
+
+
+@pytest.mark.parametrize(("name", "value"), [("largest_lead", -0.1), ("largest_lead", 2.0), ("largest_age", 0.0)])
+def test_a_bound_on_the_clocks_that_cannot_be_is_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=name):
+        Settings(**{name: value})
+
+
 def test_a_fish_at_rest_has_velocity_zero() -> None:
     for velocity in estimate(poses(lambda _: (0.1, 0.2, 0.3))):
         assert velocity.forward == pytest.approx(0.0, abs=1e-12)

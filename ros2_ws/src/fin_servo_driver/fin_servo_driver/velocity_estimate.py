@@ -45,6 +45,8 @@ class Settings:
         position_floor: m; a pose nearer than this to the line is no outlier, however well the others lie, and one
             farther than five times this is, however badly they lie.
         heading_floor: The same for the heading, rad.
+        largest_lead: s; a pose whose stamp is farther ahead of the receiver's clock is refused.
+        largest_age: s; a pose that is older when it comes is used, but counted as late.
 
     Raises:
         ValueError: A value out of range.
@@ -53,11 +55,15 @@ class Settings:
     window: float = 0.25
     position_floor: float = 2e-3
     heading_floor: float = 0.05
+    largest_lead: float = 0.05
+    largest_age: float = 0.2
 
     def __post_init__(self) -> None:
         checks.number("window", self.window, 0.02, 10.0, unit="s")
         checks.number("position_floor", self.position_floor, 0.0, 1.0, unit="m", exclusive_minimum=True)
         checks.number("heading_floor", self.heading_floor, 0.0, 1.0, unit="rad", exclusive_minimum=True)
+        checks.number("largest_lead", self.largest_lead, 0.0, 1.0, unit="s")
+        checks.number("largest_age", self.largest_age, 1e-3, 60.0, unit="s")
 
     @property
     def delay(self) -> float:
@@ -93,20 +99,24 @@ class VelocityEstimator:
     Attributes:
         refused: Poses that were not used, by reason.
         silent: Why the last pose led to no velocity; empty if it did.
+        late: Poses that were older than `Settings.largest_age` when they came.
+        age: Of the newest pose when it came, s; 0.0 where nobody tells when poses come.
     """
 
     def __init__(self, settings: Settings) -> None:
         """Start without poses."""
         self.settings = settings
-        self.refused = {"not finite": 0, "twice": 0, "too old": 0, "outlier": 0}
+        self.refused = {"not finite": 0, "twice": 0, "too old": 0, "outlier": 0, "from the future": 0}
         self.silent = "no pose yet"
+        self.late = 0
+        self.age = 0.0
         self._window_ns = round(settings.window / _NANO)
         self._stamps: list[int] = []
         self._poses: list[tuple[float, float, float]] = []
         self._old_in_a_row = 0
         self._last_stamp: int | None = None
 
-    def add(self, stamp: int, x: float, y: float, heading: float) -> Velocity | None:
+    def add(self, stamp: int, x: float, y: float, heading: float, *, now: int | None = None) -> Velocity | None:
         """Take a pose; return the velocity if this pose is the newest and the window has what it takes.
 
         Args:
@@ -114,7 +124,10 @@ class VelocityEstimator:
             x: m, in the tank.
             y: m, in the tank.
             heading: rad, any multiple of a turn.
+            now: Time in ns by the receiver's clock, from which the tracker's may differ; None if that does not matter.
         """
+        if now is not None and self._is_from_the_future(stamp, now):
+            return None
         newest = self._insert(stamp, (x, y, heading))
         if not newest:
             return None
@@ -124,6 +137,19 @@ class VelocityEstimator:
             return None
         self._last_stamp = estimate.stamp
         return estimate
+
+    def _is_from_the_future(self, stamp: int, now: int) -> bool:
+        """Look at the clocks: velocities with wrong stamps would be scored over another window than the swim's."""
+        self.age = (now - stamp) * _NANO
+        self.late += self.age > self.settings.largest_age
+        if -self.age <= self.settings.largest_lead:
+            return False
+        self._refuse("from the future")
+        self.silent = (
+            f"a pose was refused: its stamp is {-self.age:.3f} s ahead of this computer's clock, allowed are "
+            f"{self.settings.largest_lead:g} s: synchronise the tracker's clock with this one (chrony)"
+        )
+        return True
 
     def _insert(self, stamp: int, pose: tuple[float, float, float]) -> bool:
         """Put a pose in its place; return whether it is the newest."""

@@ -30,7 +30,8 @@ def settings_of(values: Mapping[str, Value]) -> Settings:
     Raises:
         ValueError: A value that is refused.
     """
-    return Settings(**{name: cast("float", values[name]) for name in ("window", "position_floor", "heading_floor")})
+    names = ("window", "position_floor", "heading_floor", "largest_lead", "largest_age")
+    return Settings(**{name: cast("float", values[name]) for name in names})
 
 
 class VelocityEstimatorNode:
@@ -46,7 +47,7 @@ class VelocityEstimatorNode:
         values = NodeParameters(self.node, PARAMETERS, validate=settings_of).values
         self._yaw_in_z = values["orientation"] == "yaw"
         self._estimator = VelocityEstimator(settings_of(values))
-        self._poses = self._published = 0
+        self._poses = self._published = self._late_before = 0
         self._velocities = self.node.create_publisher(topics.VELOCITY.type, topics.VELOCITY.name, topics.VELOCITY.qos)
         self._diagnostics = self.node.create_publisher(
             topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, topics.DIAGNOSTICS.qos
@@ -60,7 +61,8 @@ class VelocityEstimatorNode:
         self._poses += 1
         place, turn = message.pose.position, message.pose.orientation
         heading = turn.z if self._yaw_in_z else heading_of(turn.x, turn.y, turn.z, turn.w)
-        estimate = self._estimator.add(nanoseconds_of(message.header.stamp), place.x, place.y, heading)
+        now = self.node.get_clock().now().nanoseconds
+        estimate = self._estimator.add(nanoseconds_of(message.header.stamp), place.x, place.y, heading, now=now)
         if estimate is None:
             return
         self._published += 1
@@ -86,11 +88,20 @@ class VelocityEstimatorNode:
         estimator = self._estimator
         topic = self.node.resolve_topic_name(topics.POSE.name)
         text = estimator.silent if self._poses else f"no pose on {topic}: does the tracker run?"
+        if not text and estimator.late > self._late_before:
+            allowed = estimator.settings.largest_age
+            text = (
+                f"poses are {estimator.age:.3f} s old when they come, more than largest_age = {allowed:g} s: "
+                "is the tracker's clock synchronised with this computer's (chrony)?"
+            )
+        self._late_before = estimator.late
         values = {
             "poses": self._poses,
             "velocities": self._published,
             "delay_s": estimator.settings.delay,
             "bandwidth_hz": round(estimator.settings.bandwidth, 3),
+            "age_of_newest_pose_s": round(estimator.age, 4),
+            "poses_late": estimator.late,
             **{f"poses_refused_{reason.replace(' ', '_')}": count for reason, count in estimator.refused.items()},
         }
         status = DiagnosticStatus(

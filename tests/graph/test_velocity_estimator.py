@@ -1,0 +1,103 @@
+"""The velocity estimator with a tracker whose clock is not this computer's."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.executors import SingleThreadedExecutor
+
+from fin_plant import topics
+from fin_plant.messages import time_message
+from support.waiting import wait_until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from support.processes import StartedProcess
+
+SPEED = 0.03
+PERIOD = 0.02
+
+
+class Tracker:
+    """Publishes a fish that swims straight on, by its own clock, and keeps what the estimator says."""
+
+    def __init__(self, domain: int) -> None:
+        self.ahead = 0.0
+        self.velocities: list[Any] = []
+        self.statuses: list[DiagnosticStatus] = []
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self.node = rclpy.create_node("tracker", namespace=topics.NAMESPACE, context=self._context)
+        self._poses = self.node.create_publisher(topics.POSE.type, topics.POSE.name, topics.POSE.qos)
+        velocity, diagnostics = topics.VELOCITY, topics.DIAGNOSTICS
+        self.node.create_subscription(velocity.type, velocity.name, self.velocities.append, velocity.qos)
+        self.node.create_subscription(diagnostics.type, diagnostics.name, self._keep, diagnostics.qos)
+        self.node.create_timer(PERIOD, self._publish)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+
+    def _keep(self, message: Any) -> None:
+        self.statuses += message.status
+
+    def _publish(self) -> None:
+        now = time.time_ns()
+        pose = PoseStamped()
+        pose.header.stamp = time_message(now + round(self.ahead * 1e9))
+        pose.pose.position.x = SPEED * (now % 10**12) * 1e-9
+        pose.pose.orientation.w = 1.0
+        self._poses.publish(pose)
+
+    def wait_for_status(self, level: bytes, text: str) -> DiagnosticStatus:
+        """Wait for such a status of the estimator, said after this call."""
+        self.statuses.clear()
+
+        def found() -> DiagnosticStatus | None:
+            said = (s for s in self.statuses if s.level == level and text in s.message)
+            return next(said, None)
+
+        wait_until(found, 15, lambda: f"'{text}', got {self.statuses[-1:]}", self.spin)
+        status = found()
+        assert status is not None
+        return status
+
+    def spin(self) -> None:
+        """Take what has come."""
+        self._executor.spin_once(timeout_sec=0.01)
+
+    def close(self) -> None:
+        """Stop tracking."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+
+@pytest.fixture
+def tracker(ros_domain: int) -> Iterator[Tracker]:
+    one = Tracker(ros_domain)
+    yield one
+    one.close()
+
+
+def test_a_tracker_whose_clock_differs_is_refused_or_warned_of(
+    start: Callable[..., StartedProcess], tracker: Tracker
+) -> None:
+    start("fin_servo_driver", "velocity_estimator")
+    tracker.wait_for_status(DiagnosticStatus.OK, "estimating")
+    assert tracker.velocities[-1].twist.linear.x == pytest.approx(SPEED, rel=0.01)
+    tracker.ahead = 1.0
+    refused = tracker.wait_for_status(DiagnosticStatus.WARN, "ahead of this computer's clock")
+    assert "chrony" in refused.message
+    tracker.velocities.clear()
+    refused = tracker.wait_for_status(DiagnosticStatus.WARN, "ahead of this computer's clock")
+    assert int(next(item.value for item in refused.values if item.key == "poses_refused_from_the_future")) > 20
+    assert tracker.velocities == []
+    tracker.ahead = -1.0
+    late = tracker.wait_for_status(DiagnosticStatus.WARN, "old when they come")
+    assert "largest_age = 0.2 s" in late.message
+    wait_until(lambda: tracker.velocities, 10, "velocities", tracker.spin)
