@@ -9,12 +9,12 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from fin_optimizer.bag import read_bag
+from fin_optimizer.bag import BagWriter, read_bag
 from fin_optimizer.recorder import Recorder
 from fin_optimizer.score import Measurement, score
 from fin_optimizer.score_bag import score_bag, swimming_since
 from fin_plant import topics
-from support.bags import START, gait, write_swim
+from support.bags import START, STATE, gait, state, write_swim
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -139,6 +139,14 @@ def test_a_bag_is_played_at_its_own_pace_with_a_clock_from_the_middle(
     assert ear.recorder.received(topics.VELOCITY) == 51
     assert clocks == sorted(clocks)
     assert START + 0.5e9 <= clocks[0] < START + 0.7e9
+
+
+def test_a_bag_without_velocity_is_not_played_to_who_wants_velocities(start: Start, tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "dry", (STATE,), {}) as writer:
+        writer.write(STATE.name, state("SWIMMING", START))
+    player = start("fin_optimizer", "play_bag", str(tmp_path / "dry"), "--topics", "velocity", "plant_state")
+    assert player.wait() == 2
+    assert "has 0 topics 'velocity', needed is one: it has /fish/plant_state" in player.output()
 
 
 def test_a_topic_or_a_start_that_the_bag_does_not_have_is_refused(start: Start, swim: Path) -> None:

@@ -402,6 +402,18 @@ def test_a_bag_without_score_says_why_and_the_others_are_scored(
     assert captured.out.count("\n") == 1
 
 
+def test_a_bag_without_velocity_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, recorded in (("no topic", [topic for topic in TOPICS if topic is not VELOCITY]), ("silent", TOPICS)):
+        with BagWriter(tmp_path / name, recorded, METADATA) as writer:
+            writer.write(STATE.name, state("SWIMMING", START))
+            writer.write(STATE.name, state("READY", START + 13 * SECOND))
+    assert main([str(tmp_path / "no topic"), str(tmp_path / "silent")]) == 2
+    captured = capsys.readouterr()
+    assert "has 0 topics 'velocity', needed is one: it has /fish/plant_state" in captured.err
+    assert "silent: window of 10 s holds 0 of 0 velocity samples: needed are at least 100" in captured.err
+    assert captured.out == ""
+
+
 def test_a_bag_that_was_not_closed_is_scored_with_a_note(
     trial: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
