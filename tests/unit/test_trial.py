@@ -265,6 +265,8 @@ def test_a_state_said_before_the_reset_does_not_count_as_being_at_the_start() ->
     assert rehearsal.trial.phase == "open the bag"
 
 
+AFTER_THE_FIN = [phase.name for phase in PHASES[3:11]]
+"""From "wait for the fin" to "stop the gait"."""
 WAITING_FOR_PEOPLE = [("wait for the fin", State.WAITING_FOR_FIN), ("wait at the start", State.WAITING_FOR_RESET)]
 
 
@@ -308,17 +310,24 @@ def test_a_plant_that_is_out_of_sight_for_a_moment_is_waited_for(phase: str, sta
     assert rehearsal.trial.phase == phase
 
 
-@pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
-def test_a_plant_that_was_started_anew_knows_nothing_of_the_trial(phase: str, state: State) -> None:
+@pytest.mark.parametrize("phase", AFTER_THE_FIN)
+@pytest.mark.parametrize("seen", [{"first", "second"}, {"second"}])  # the graph remembers a dead one for a while
+def test_a_plant_that_was_started_anew_knows_nothing_of_the_trial(phase: str, seen: set[str]) -> None:
     rehearsal = Rehearsal()
     rehearsal.reach(phase)
-    rehearsal.say(state, 50 * SECOND, "mount the fin")
-    rehearsal.seen.publishers = frozenset({"first", "second"})  # the graph remembers the dead one for a while
-    rehearsal.update(1.0)
-    assert rehearsal.trial.phase == phase
-    rehearsal.seen.publishers = frozenset({"second"})
-    rehearsal.update(1.0)
+    rehearsal.seen.publishers = frozenset(seen)
+    rehearsal.update(0.01)
     assert f"{phase}: who publishes topic /fish/plant_state now was started after the fin" in rehearsal.failure
+
+
+@pytest.mark.parametrize("phase", AFTER_THE_FIN[AFTER_THE_FIN.index("open the bag") :])
+def test_a_swim_with_another_fin_is_never_taken_for_the_trials(phase: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    stamp = rehearsal.seen.plant.stamp if rehearsal.seen.plant is not None else 0
+    rehearsal.say(State.SWIMMING, stamp, fin=OTHER_FIN)
+    rehearsal.update(0.01)
+    assert f"{phase}: the fin mounted has fin.young_modulus = 1200000000.0 instead of 1500000000.0" in rehearsal.failure
 
 
 def test_a_plant_that_was_started_anew_before_it_got_the_fin_is_as_good_as_the_one_before() -> None:

@@ -312,13 +312,19 @@ class Trial:
             return _no_plant(self, facts)
         if self._index > _AT_REST and _is(facts, State.FAULT):
             return _says(self, facts)
+        if phase.action is Action.RESET and facts.reset_reply is not None and not facts.reset_reply.accepted:
+            return f"the plant refused: {facts.reset_reply.reason}"
+        return self._changed(facts)
+
+    def _changed(self, facts: Facts) -> str:
+        """Return what makes this swim another one than the trial's, or an empty text."""
+        if self._index > _AT_START and (differs := _differences(self, facts)):
+            return f"the fin mounted has {differs}: was the plant started anew, or its fin changed by somebody else?"
         if self.window is not None and _is(facts, State.SWIMMING) and not self._is_this_swim(facts):
             return (
                 f"topic {self.topic('plant_state')} says SWIMMING anew, {self.swum(facts):.2f} s into the swim: the "
                 "plant got other parameters, or stopped and began again; leave it alone while it swims"
             )
-        if phase.action is Action.RESET and facts.reset_reply is not None and not facts.reset_reply.accepted:
-            return f"the plant refused: {facts.reset_reply.reason}"
         return ""
 
     def _is_this_swim(self, facts: Facts) -> bool:
@@ -331,13 +337,13 @@ class Trial:
             return None
         here = facts.publishers
         self._spoken_to = self._spoken_to or here
-        if here & self._spoken_to:
-            self._gone_since = None
-            return None
-        if here:
+        if here - self._spoken_to:  # one that was killed is seen for some seconds more, beside its successor
             topic = self.topic("plant_state")
             reason = f"who publishes topic {topic} now was started after the fin had been set, and does not know it"
             return Result(Outcome.FAILED, f"{self.phase}: {reason}")
+        if here:
+            self._gone_since = None
+            return None
         self._gone_since = now if self._gone_since is None else self._gone_since
         limit = self._timeouts.find  # discovery may lose sight of a plant for a moment
         if now - self._gone_since <= limit:
@@ -431,12 +437,15 @@ def _wrong(trial: Trial, facts: Facts) -> list[str]:
     return [name for name, value in trial.fin.items() if not _same(mounted.get(name, ""), value)]
 
 
-def _fin_not_ready(trial: Trial, facts: Facts) -> str:
+def _differences(trial: Trial, facts: Facts) -> str:
     mounted = facts.plant.fin if facts.plant is not None else {}
-    differs = [f"{name} = {mounted.get(name, 'nothing')} instead of {trial.fin[name]}" for name in _wrong(trial, facts)]
-    return f"{_says(trial, facts)}, needed is READY" + (
-        f"; the fin mounted has {', '.join(differs)}" if differs else ""
-    )
+    wrong = _wrong(trial, facts)
+    return ", ".join(f"{name} = {mounted.get(name, 'nothing')} instead of {trial.fin[name]}" for name in wrong)
+
+
+def _fin_not_ready(trial: Trial, facts: Facts) -> str:
+    differs = _differences(trial, facts)
+    return f"{_says(trial, facts)}, needed is READY" + (f"; the fin mounted has {differs}" if differs else "")
 
 
 def _at_start(trial: Trial, facts: Facts) -> bool:
@@ -565,4 +574,6 @@ _AT_REST = 1
 """A fault counts after this phase: before, it is an earlier trial's, and the trial's first care is to clear it."""
 _FIN_IS_SET = 2
 """The plant that took the fin in this phase is the trial's from then on."""
+_AT_START = 5
+"""From the end of this phase on the fin stays mounted until the trial is over."""
 _SWIMMING_PHASES = ("settle", "measure")
