@@ -240,15 +240,19 @@ def test_a_driver_that_ends_while_somebody_mounts_a_fin_fails_the_trial(
     assert [row["reason"].startswith(reason) for row in table(folder)] == [True]
 
 
-def test_parameters_that_are_changed_during_a_swim_fail_the_trial(
-    start: Start, folder: Path, client: PlantClient
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("body.drag_area", "plant_state says SWIMMING anew"), ("fin.density", "the fin mounted has fin.density = ")],
+)
+def test_a_fish_that_is_changed_during_its_swim_fails_the_trial(
+    start: Start, folder: Path, client: PlantClient, name: str, reason: str
 ) -> None:
     start_node(start, "fin_sim", "simulator")
     optimizer = start_optimizer(start, folder, "failures_in_a_row:=1")
     client.wait_for_state(State.SWIMMING)
-    assert client.set_parameters({"fin.density": 1100.0}).successful
+    assert client.set_parameters({name: client.get_parameter(name) * 1.1}).successful
     assert optimizer.wait(30) == 1
-    assert "topic /fish/plant_state says SWIMMING anew" in table(folder)[0]["reason"]
+    assert reason in table(folder)[0]["reason"]
 
 
 def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, call: Callable[[str], Any]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -124,6 +125,27 @@ def test_a_modulus_is_taken_as_people_type_it(start: Callable[..., Any], client:
     refused = client.set_parameters({"fin.young_modulus": "stiff"})
     assert not refused.successful
     assert "fin.young_modulus must be a number, got 'stiff'" in refused.reason
+
+
+def reached(client: PlantClient, topic: topics.Topic[Any], count: int) -> bool:
+    return len(client.received(topic)) >= count
+
+
+def test_a_swim_begins_anew_with_another_fish_but_not_with_another_pace(
+    start: Callable[..., Any], client: PlantClient
+) -> None:
+    start_simulator(start)
+    client.wait_for_state(State.READY)
+    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    begin = client.wait_for_state(State.SWIMMING).stamp
+    for values, same in (({"speed": 2.0, "command_timeout": 1.0}, True), ({"fin.density": 1100.0}, False)):
+        told = len(client.received(topics.PLANT_STATE)) + 1
+        assert client.set_parameters(values).successful
+        client.wait_until(partial(reached, client, topics.PLANT_STATE, told), "the state said again")
+        state = client.state()
+        assert state is not None
+        assert state.state is State.SWIMMING
+        assert (state.stamp == begin) is same
 
 
 def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: PlantClient) -> None:

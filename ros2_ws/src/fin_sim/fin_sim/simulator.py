@@ -53,6 +53,8 @@ _LARGEST_BACKLOG = topics.STREAM.depth // 2
 _ASKED_BACKLOG = _LARGEST_BACKLOG // 2
 _ACKNOWLEDGE_WAIT = Duration(seconds=0.02)
 _HANGING_AFTER = 2.0
+# With these changed, a swim under way is still the same one.
+_NO_MATTER_TO_THE_FISH = {"speed", "publish_clock", "command_timeout"}
 _NO_WAIT = Duration(seconds=0.0)
 
 
@@ -163,15 +165,23 @@ class Simulator:
         self._stamp += 1  # every state has a stamp of its own, so that a listener can tell it from the one before
         if state is State.READY and self._number("speed") == 1.0:
             self._stamp = max(self._stamp, time.time_ns())  # in real time, what was late is not late for ever
+        self._state_began = self._stamp
+        self._say_state()
+
+    def _say_state(self) -> None:
         self._pace.set_speed(
-            self._number("speed") if state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0
+            self._number("speed") if self._state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0
         )
         fin = {name: _text(value) for name, value in self._values.items() if name.startswith("fin.")}
-        message = plant_state_message(PlantState(state, "simulator", self._stamp, reason, fin))
-        self._state_topic.publish(message)
+        state = PlantState(self._state, "simulator", self._state_began, self._reason, fin)
+        self._state_topic.publish(plant_state_message(state))
 
     def _parameters_changed(self, values: Mapping[str, Value]) -> None:
+        changed = {name for name, value in values.items() if value != self._values[name]}
         self._values = dict(values)
+        if self._state is State.SWIMMING and changed <= _NO_MATTER_TO_THE_FISH:
+            self._say_state()
+            return
         body = self._fish_state[: dynamics.BODY_STATES].copy()
         self._stepper, self._refinements = self._build(values), 0
         if len(self._fish_state) != len(self._stepper.start()):
