@@ -50,10 +50,11 @@ def velocity(stamp: int, forward: float) -> bytes:
     return bytes(message_types().serialize_cdr(message, VELOCITY.type_name))
 
 
-def state(name: str, stamp: int) -> bytes:
-    """Return a serialised plant_state."""
+def state(name: str, stamp: int, **details: str) -> bytes:
+    """Return a serialised plant_state; two underscores in a detail's name stand for its dot."""
     types = message_types().types
-    values = [types["diagnostic_msgs/msg/KeyValue"]("stamp_ns", str(stamp))]
+    said = {"stamp_ns": str(stamp), **{name.replace("__", "."): value for name, value in details.items()}}
+    values = [types["diagnostic_msgs/msg/KeyValue"](key, value) for key, value in said.items()]
     status = types[STATE.type_name](0, "plant_state", name, "simulator", values)
     return bytes(message_types().serialize_cdr(status, STATE.type_name))
 

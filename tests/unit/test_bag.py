@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -25,14 +26,15 @@ from fin_optimizer.bag import (
     BagTopic,
     BagWriter,
     bag_metadata,
+    decode,
     header_stamp,
     message_types,
     read_bag,
     read_velocity,
 )
-from fin_optimizer.score import Measurement, score
-from fin_optimizer.score_bag import main, score_bag
-from support.bags import GAIT, SECOND, START, STATE, STEP, VELOCITY, quality
+from fin_optimizer.score import Measurement, ScoreError, score
+from fin_optimizer.score_bag import main, score_bag, start_of_swim
+from support.bags import GAIT, SECOND, START, STATE, STEP, VELOCITY, gait, quality, state
 
 SAMPLES = 1001
 SILENT = BagTopic("/fish/thrust", "geometry_msgs/msg/WrenchStamped", quality())
@@ -57,21 +59,6 @@ def velocity(stamp: int, forward: float, *, little_endian: bool = True) -> bytes
     twist = types["geometry_msgs/msg/Twist"](vector(forward, 0.1, 0.0), vector(0.0, 0.0, 0.2))
     stamped = types["geometry_msgs/msg/TwistStamped"](header, twist)
     return serialised(VELOCITY.type_name, stamped, little_endian=little_endian)
-
-
-def state(name: str, stamp: int) -> bytes:
-    """Return a serialised plant_state."""
-    types = message_types().types
-    values = [types["diagnostic_msgs/msg/KeyValue"]("stamp_ns", str(stamp))]
-    status = types["diagnostic_msgs/msg/DiagnosticStatus"]
-    return serialised(STATE.type_name, status(0, "plant_state", name, "simulator", values))
-
-
-def gait() -> bytes:
-    """Return a serialised gait without layout."""
-    types = message_types().types
-    layout = types["std_msgs/msg/MultiArrayLayout"]([], 0)
-    return serialised(GAIT.type_name, types[GAIT.type_name](layout, np.array([0.3, 1.0, 0.0, 0.0])))
 
 
 def speeds(count: int = SAMPLES) -> np.ndarray:
@@ -386,6 +373,30 @@ def test_a_bag_scores_what_its_samples_score(trial: Path, capsys: pytest.Capture
     first, second = capsys.readouterr().out.splitlines()
     assert first == f"{live.value!r} {live.spread!r} {trial}"
     assert float(second.split()[0]) == live.value
+
+
+@pytest.mark.parametrize(
+    ("states", "reason"),
+    [
+        ([], "plant_state tells 0 starts of a swim"),
+        ([("SWIMMING", 1, "2.0e9"), ("READY", 2, "2.0e9"), ("SWIMMING", 3, "2.0e9")], "plant_state tells 2 starts"),
+        (
+            [("SWIMMING", 1, "1.2e9")],
+            "the fish swam with fin.young_modulus = 1.2e9 instead of 2.0e9: it is another fin's",
+        ),
+    ],
+)
+def test_what_is_not_one_swim_of_the_bags_own_fin_is_not_scored(
+    states: list[tuple[str, int, str]], reason: str
+) -> None:
+    said = [decode(state(name, stamp, fin__young_modulus=modulus), STATE.type_name) for name, stamp, modulus in states]
+    with pytest.raises(ScoreError, match=re.escape(reason)):
+        start_of_swim(said, {"fin.young_modulus": "2.0e9"})
+
+
+def test_a_state_said_again_during_a_swim_is_the_same_swim() -> None:
+    said = [decode(state("SWIMMING", 5, fin__young_modulus="2.0e9"), STATE.type_name)] * 2
+    assert start_of_swim(said, {"fin.young_modulus": "2.0e9", "fin.length": "0.08"}) == 5
 
 
 def test_a_bag_without_score_says_why_and_the_others_are_scored(

@@ -10,12 +10,12 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Float64
 
 from fin_optimizer import report
-from fin_optimizer.bag import BagError
+from fin_optimizer.bag import BagError, decode
 from fin_optimizer.observation import Observation
 from fin_optimizer.plant_client import PlantClient
 from fin_optimizer.recorder import LONGEST_PAUSE, Recorder
 from fin_optimizer.score import ScoreError
-from fin_optimizer.score_bag import scored_swim
+from fin_optimizer.score_bag import scored_swim, start_of_swim
 from fin_optimizer.trial import Action, Outcome, Result, Trial
 from fin_plant import topics
 from fin_plant.messages import key_values
@@ -72,6 +72,7 @@ class Lane:
         self._gait_due: float | None = None
         self._look_due = 0.0
         self._fast = False
+        self._recorded: dict[str, str] = {}
         self._folder: Path | None = None
 
         def publisher(topic: Topic[Any]) -> Publisher:
@@ -206,7 +207,8 @@ class Lane:
 
     def _open_bag(self) -> None:
         if self.record is not None and self._folder is not None:
-            self._recorder.open(self._folder / self.record.bag, self._bag_metadata(self.record))
+            self._recorded = self._bag_metadata(self.record)
+            self._recorder.open(self._folder / self.record.bag, self._recorded)
 
     def _bag_metadata(self, record: TrialRecord) -> dict[str, str]:
         state = self.plant.state
@@ -224,8 +226,10 @@ class Lane:
             return Result(Outcome.FAILED, "the fish never swam")
         joints = self._recorder.messages(topics.JOINT_STATES) if self._plan.wants_cost else None
         velocity = self._recorder.velocity_samples()
+        states = (decode(data, topics.PLANT_STATE.type_name) for data in self._recorder.messages(topics.PLANT_STATE))
         try:
-            scored, cost = scored_swim(velocity, joints, trial.window, self._plan.measurement)
+            window = self._plan.measurement.window(start_of_swim(states, self._recorded))  # as the bag will tell it
+            scored, cost = scored_swim(velocity, joints, window, self._plan.measurement)
         except ScoreError as error:
             return Result(Outcome.FAILED, error.reason)
         if self._plan.wants_cost and cost is None:

@@ -26,7 +26,7 @@ from fin_optimizer.bag import (
     header_stamp,
     velocity_samples,
 )
-from fin_plant.topics import JOINT_STATES, RECORDED_TOPICS, VELOCITY, Topic
+from fin_plant.topics import JOINT_STATES, PLANT_STATE, RECORDED_TOPICS, VELOCITY, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rclpy.duration import Duration
     from rclpy.node import Node
 
-_KEPT = (VELOCITY.name, JOINT_STATES.name)
+_KEPT = (VELOCITY.name, JOINT_STATES.name, PLANT_STATE.name)
 """Topics that a score is made of, which it takes from memory."""
 WRITE_PERIOD = 0.02
 """s between two visits of the writing thread; messages wait in memory no longer."""
@@ -142,7 +142,7 @@ class Recorder:
         return velocity_samples(self.messages(VELOCITY))
 
     def messages(self, topic: Topic[Any]) -> Sequence[bytes]:
-        """Return the serialised messages of the bag opened last, of `velocity` or `joint_states`."""
+        """Return the serialised messages of the bag opened last, of `velocity`, `joint_states` or `plant_state`."""
         return self._ear(topic).kept
 
     def close(self) -> BagSummary:

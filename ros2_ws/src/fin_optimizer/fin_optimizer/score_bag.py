@@ -15,16 +15,44 @@ from fin_optimizer.score import Measurement, Score, ScoreError, Window, mean_pow
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from fin_optimizer.bag import Bag
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
+_FIN = "fin."
 _JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
 _DRIVEN = "tail_joint"
 """What the names of the driven joints start with; the fin's own hinges are springs and take no power from a servo."""
+
+
+def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
+    """Return the plant's time in ns at which the gait of a trial started.
+
+    Args:
+        states: All messages of its ``plant_state``.
+        metadata: Of its bag; the entries ``fin.*`` tell which fin it is about.
+
+    Raises:
+        ScoreError: The plant started to swim never, more than once, or with another fin.
+    """
+    fin = {name: value for name, value in metadata.items() if name.startswith(_FIN)}
+    starts = set()
+    for message in states:
+        if message.message != State.SWIMMING:
+            continue
+        said = {item.key: item.value for item in message.values}
+        if differs := [name for name in fin if said.get(name, fin[name]) != fin[name]]:
+            words = ", ".join(f"{name} = {said[name]} instead of {fin[name]}" for name in differs)
+            msg = f"the fish swam with {words}: it is another fin's swim"
+            raise ScoreError(msg)
+        starts.add(int(said[_STAMP_KEY]))
+    if len(starts) != 1:
+        msg = f"plant_state tells {len(starts)} starts of a swim, needed is one: the bag holds no whole trial"
+        raise ScoreError(msg)
+    return starts.pop()
 
 
 def swimming_since(bag: Bag) -> int:
@@ -32,19 +60,9 @@ def swimming_since(bag: Bag) -> int:
 
     Raises:
         BagError: The bag has no ``plant_state``, or is damaged.
-        ScoreError: The plant started to swim never, or more than once.
+        ScoreError: The plant started to swim never, more than once, or with another fin.
     """
-    starts = {
-        int(item.value)
-        for _, message in bag.decoded("plant_state")
-        if message.message == State.SWIMMING
-        for item in message.values
-        if item.key == _STAMP_KEY
-    }
-    if len(starts) != 1:
-        msg = f"plant_state tells {len(starts)} starts of a swim, needed is one: the bag holds no whole trial"
-        raise ScoreError(msg)
-    return starts.pop()
+    return start_of_swim((message for _, message in bag.decoded("plant_state")), bag.metadata)
 
 
 def power_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

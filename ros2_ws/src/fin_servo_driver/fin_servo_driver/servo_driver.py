@@ -304,14 +304,15 @@ class ServoDriver:
         return self._mounted is not None and all(self._mounted[name] == self._values[name] for name in FIN_PARAMETERS)
 
     def publish_state(self, *, anew: bool = False) -> None:
-        """Publish the state if it has changed, or in any case with a stamp of its own."""
+        """Publish the state if it has changed, or in any case; with a new stamp unless a swim goes on."""
         state, reason, waiting = self._state()
         key = (state, reason, waiting, self._swimming_since)
         if key == self._published and not anew:
             return
         self._published = key
-        begun = self._swimming_since if state is State.SWIMMING and not anew else None
-        self._stamp = max(self._stamp + 1, begun or time.time_ns())
+        begun = self._swimming_since if state is State.SWIMMING else None
+        if begun is None or begun != self._stamp:
+            self._stamp = max(self._stamp + 1, begun or time.time_ns())
         details = {"waiting_for": waiting.value if waiting else ""}
         if waiting is Waiting.FIN:
             details |= {f"wanted.{name}": _as_text(self._values[name]) for name in FIN_PARAMETERS}
