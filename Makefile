@@ -44,7 +44,7 @@ bench: setup ## how fast fish swim and trials run, how late the servo driver tic
 	@./run fin_optimizer bench $(ARGS)
 ifeq ($(filter --json --help -h,$(ARGS)),) # whose output is to stay whole
 	@echo
-	@$(environment) && python -m fin_optimizer.lateness $(if $(filter --quick,$(ARGS)),--seconds 10)
+	@./run fin_optimizer lateness $(if $(filter --quick,$(ARGS)),--seconds 10)
 endif
 
 .PHONY: lint

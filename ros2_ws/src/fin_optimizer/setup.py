@@ -35,6 +35,7 @@ setup(
             "show_study = fin_optimizer.show_study:main",
             "campaign = fin_optimizer.campaign:main",
             "bench = fin_optimizer.bench:main",
+            "lateness = fin_optimizer.lateness:main",
         ],
     },
 )
