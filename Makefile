@@ -24,7 +24,7 @@ test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k
 
 .PHONY: test-long
 test-long: setup ## the proofs that take minutes: hundreds of kills, real firmware, exhaustive grids, mutants
-	@$(environment) && exec python -m pytest -p xdist -n 2 --dist worksteal -m "long or firmware" --timeout=1800 $(PYTEST_ARGS)
+	@$(environment) && exec python -m pytest -p xdist -n 2 --maxschedchunk 1 -m "long or firmware" --timeout=1800 $(PYTEST_ARGS)
 
 .PHONY: torture
 torture: setup ## no trial is ever lost: 200 kills at random moments, ten thousand trials; prints what was lost
