@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import csv
 import math
+import os
+import signal
+import subprocess
+import sys
 from typing import TYPE_CHECKING
 
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from fin_optimizer import export, show_study
+from fin_optimizer import export, score_bag, show_study
 from fin_optimizer.cma import CmaEs
 from fin_optimizer.generations import OneByOne
 from fin_optimizer.genetic import GeneticAlgorithm
@@ -19,10 +23,12 @@ from fin_optimizer.search import Dimension, HillClimber, Space
 from fin_optimizer.study import Objective, Policy, Settings, Study, front, read_trials
 from fin_optimizer.throughput import throughput
 from fin_optimizer.trial import Outcome, Result
+from support.bags import write_swim
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+    from types import ModuleType
 
     from fin_optimizer.search import Search
 
@@ -196,6 +202,70 @@ def test_a_study_is_shown_best_first_with_its_spread_and_what_failed(
     lines = [line for line in capsys.readouterr().out.splitlines() if "GPa" in line]
     assert ["2.100 cm/s" in lines[0], "1.020 cm/s" in lines[1], "thicker than long" in lines[2]] == [True] * 3
     assert "0002 0003 0004" in lines[0]
+
+
+@pytest.fixture
+def resumed(tmp_path: Path) -> Path:
+    """Return the folder of a study whose second of three trials was interrupted, each with its bag."""
+    with Study.create(tmp_path / "resumed", Settings(SPACE)) as begun:
+        stopped = Result(Outcome.FAILED, "interrupted in phase 'measure': Ctrl-C", interrupted=True)
+        for result in (Result(Outcome.OK, score=0.01), stopped, Result(Outcome.OK, score=0.02)):
+            following = begun.next_candidate(SEARCHES["hill climber"]())
+            assert following is not None
+            record = begun.start(begun.propose(*following, "/fish").number)
+            begun.finish(record.number, result)
+            bag = write_swim(tmp_path / "resumed" / record.bag)
+            if result is stopped:
+                (file,) = bag.glob("*.mcap")
+                file.write_bytes(file.read_bytes()[:3000])
+    return tmp_path / "resumed"
+
+
+def test_a_resumed_study_is_scored_without_its_interrupted_trial(
+    resumed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bags = [resumed / trial.bag for trial in read_trials(resumed)]
+    assert score_bag.main([str(resumed)]) == 0
+    shown = capsys.readouterr()
+    assert [line.split(" ", 2)[2] for line in shown.out.splitlines()] == [str(bags[0]), str(bags[2])]
+    assert shown.err == f"note: {bags[1]}: trial 1 is FAILED (interrupted in phase 'measure': Ctrl-C)\n"
+    for path in (bags[1], resumed / "bags"):  # no study by itself: scored whatever a journal says
+        assert score_bag.main([str(path)]) == 2
+        assert f"error: {bags[1]}: " in capsys.readouterr().err
+    (resumed / "journal.log").write_text("{}\n")
+    assert score_bag.main([str(resumed)]) == 2
+    assert f": every bag of {resumed} is scored\nerror: {bags[1]}: " in capsys.readouterr().err
+
+
+def test_an_interrupted_trial_is_shown_apart_from_failed_ones(
+    resumed: Path, study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert show_study.main([str(resumed)]) == 0
+    out = capsys.readouterr().out
+    assert "speed, 1 swim a fin: 2 OK, 1 interrupted" in out
+    (line,) = (line for line in out.splitlines() if "0001 0002" in line)
+    assert [cell.strip() for cell in line.split("│")][5:9] == ["1", "", "1", "0001 0002"]
+    assert show_study.main([str(study)]) == 0
+    out = capsys.readouterr().out
+    assert "speed, 2 swims a fin: 4 OK, 1 FAILED, 1 INFEASIBLE" in out
+    assert "interrupted" not in out
+
+
+@pytest.mark.parametrize("tool", [score_bag, show_study, export])
+def test_a_tool_whose_reader_is_gone_ends_without_a_traceback(tool: ModuleType, resumed: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "wb") as pipe:
+        ended = subprocess.run(
+            [sys.executable, "-m", tool.__name__, str(resumed)],
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            stdout=pipe,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert ended.returncode == -signal.SIGPIPE
+    assert "Error" not in ended.stderr
 
 
 @pytest.mark.parametrize("tool", [show_study.main, export.main])

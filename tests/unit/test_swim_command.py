@@ -9,13 +9,14 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import matplotlib.figure
 import pytest
 from PIL import Image
 
 from fin_plant.gait import carangiform
 from fin_sim import swim_command
 from fin_sim.dynamics import StepError
-from fin_sim.sweep import Plan, parse_axis, sweep_plans
+from fin_sim.sweep import Axis, Plan, parse_axis, sweep_plans
 from fin_sim.swim import swim
 
 if TYPE_CHECKING:
@@ -188,6 +189,29 @@ def test_sweep_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
     assert (tmp_path / "sweep.png").stat().st_size > 10_000
 
 
+def test_a_sweep_shows_the_units_of_its_numbers(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn: list[matplotlib.figure.Figure] = []
+    saved = matplotlib.figure.Figure.savefig
+
+    def save(figure: matplotlib.figure.Figure, *arguments: Path, **options: float) -> None:
+        drawn.append(figure)
+        saved(figure, *arguments, **options)
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
+    arguments = (*SHORT, "--sweep", "fin.young_modulus=1e9,2e9", "--sweep", "frequency=0.9,1.8")
+    out, _ = _run(capsys, *arguments, "--plot", tmp_path / "sweep.png")
+    names, units = (line.replace("┃", " ").split() for line in out.splitlines()[1:3])
+    assert (names[:2], units[:2]) == (["fin.young_modulus", "frequency"], ["Pa", "Hz"])
+    panel = drawn[0].axes[0]
+    assert panel.get_xlabel() == "fin.young_modulus, Pa"
+    legend = panel.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["frequency = 0.9 Hz", "frequency = 1.8 Hz"]
+    assert Axis("fin.segments", (2.0, 3.0)).unit == ""
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -258,6 +282,18 @@ def test_unknown_option_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
         swim_command.main(["--fin.lenght", "1"])
     assert stop.value.code == 2
     assert "--fin.lenght" in capsys.readouterr().err
+
+
+def test_a_parameter_of_the_node_alone_is_no_option(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    with pytest.raises(SystemExit):
+        swim_command.main(["--help"])
+    shown = capsys.readouterr().out
+    assert "--fin.young_modulus" in shown
+    for name in ("publish_clock", "speed", "sample_rate"):
+        assert f"--{name} " not in shown
+    file = tmp_path / "node.yaml"  # which may set it all the same
+    file.write_text("/**: {ros__parameters: {publish_clock: false}}", encoding="utf-8")
+    assert "mean speed" in _run(capsys, *SHORT, "--params-file", file)[0]
 
 
 def test_film_without_ffmpeg_is_refused(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

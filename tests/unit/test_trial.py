@@ -35,6 +35,7 @@ class Seen:
     plant: PlantState | None = None
     fin_reply: Reply | None = None
     reset_reply: Reply | None = None
+    tail_angle: float | None = 0.0
     unmatched_topics: Sequence[str] = ("/fish/velocity",)
     newest_velocity: int | None = None
     late_topics: Sequence[str] = ()
@@ -308,6 +309,28 @@ def test_a_plant_that_is_out_of_sight_for_a_moment_is_waited_for(phase: str, sta
             rehearsal.seen.publishers = publishers
             rehearsal.update(20.0)
     assert rehearsal.trial.phase == phase
+
+
+def test_a_swim_begins_with_a_straight_tail() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait at the start")
+    rehearsal.say(State.READY, 4 * SECOND, fin=SHOWN)
+    rehearsal.seen.tail_angle = 0.2
+    rehearsal.update(5.0)
+    assert rehearsal.trial.phase == "wait at the start"
+    rehearsal.seen.tail_angle = 0.04
+    rehearsal.update(0.1, until="open the bag")
+    assert rehearsal.trial.phase == "open the bag"
+
+
+def test_a_tail_that_stays_bent_is_named() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait at the start")
+    rehearsal.say(State.READY, 4 * SECOND, fin=SHOWN)
+    rehearsal.seen.tail_angle = 0.2
+    rehearsal.update(10.1)
+    assert "the tail stands at 11.5 degrees" in rehearsal.failure
+    assert "straighten it by hand" in rehearsal.failure
 
 
 @pytest.mark.parametrize("phase", AFTER_THE_FIN)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.journal import StudyError
+from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.study import candidates, read_settings, read_trials
 
 if TYPE_CHECKING:
@@ -85,6 +86,8 @@ def export(study: Path, folder: Path) -> list[Path]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Export a study; return 0, or 2 if it cannot be."""
+    if arguments is None:
+        end_with_the_reader()
     parser = argparse.ArgumentParser(
         prog="export",
         description=f"Write a study as {CSV_FILE} and {PARQUET_FILE}: one row a trial, units in the header.",

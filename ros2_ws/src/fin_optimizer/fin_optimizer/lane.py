@@ -71,7 +71,7 @@ class Lane:
         self._facts = Observation(node, self.plant, self._recorder, namespace)
         self._gait_due: float | None = None
         self._look_due = 0.0
-        self._fast = False
+        self._fast = self._was_fast = False
         self._recorded: dict[str, str] = {}
         self._folder: Path | None = None
 
@@ -114,7 +114,8 @@ class Lane:
             self.namespace, self._plan.fin_of(record.values), self._plan.measurement, self._plan.timeouts
         )
         self._facts.trial = self.trial
-        self._look_due, self._fast = 0.0, False
+        self._look_due = 0.0
+        self._was_fast, self._fast = self._fast, False
         self.publish_candidate(record)
 
     def end(self) -> None:
@@ -136,7 +137,8 @@ class Lane:
                 for action in trial.update(now, self._facts):
                     self._carry_out(action, trial)
             self._fast = self._fast or taken > _MANY
-            self._look_due = time.monotonic() + (_FAST_LOOK_PERIOD if self._fast else _LOOK_PERIOD)
+            fast = self._fast or self._was_fast
+            self._look_due = time.monotonic() + (_FAST_LOOK_PERIOD if fast else _LOOK_PERIOD)
         if trial.result is not None:
             return 0.0
         return max(0.0, self._look_due - time.monotonic())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fin_optimizer.score_bag import tail_angle
 from fin_plant import topics
 
 if TYPE_CHECKING:
@@ -76,6 +77,12 @@ class Observation:
     def reset_reply(self) -> Reply | None:
         """Answer to the reset."""
         return self._client.reset_reply
+
+    @property
+    def tail_angle(self) -> float | None:
+        """Largest angle of a driven joint in rad, None before the first joint state."""
+        data = self._recorder.newest(topics.JOINT_STATES)
+        return None if data is None else tail_angle(data)
 
     @property
     def unmatched_topics(self) -> Sequence[str]:

@@ -87,6 +87,10 @@ class Recorder:
         """Return how many messages of a topic have come since the recorder began to listen."""
         return self._ear(topic).received
 
+    def newest(self, topic: Topic[Any]) -> bytes | None:
+        """Return the last message of a topic, serialised; None before the first one."""
+        return self._ear(topic).last
+
     def newest_stamp(self, topic: Topic[Any] = VELOCITY) -> int | None:
         """Return the header stamp in ns of the last message of a topic; None before the first one.
 

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fin_optimizer.bag import BagError, decode, header_stamp, read_bag
+from fin_optimizer.journal import StudyError
+from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.repair_bags import bag_folders
 from fin_optimizer.score import Measurement, Score, ScoreError, Window, mean_power, score
 from fin_plant.plant_state import State
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from fin_optimizer.bag import Bag
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
+_JOURNAL_FILE = "journal.log"  # as fin_optimizer.study names it, which needs Optuna
 _FIN = "fin."
 _JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
 _DRIVEN = "tail_joint"
@@ -73,6 +76,13 @@ def power_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray
     stamps = np.fromiter(map(header_stamp, messages), dtype=np.int64, count=len(messages))
     power = np.fromiter((_power(decode(data, _JOINT_STATE_TYPE)) for data in messages), np.float64, len(messages))
     return stamps, power
+
+
+def tail_angle(message: bytes) -> float:
+    """Return the largest angle in rad of the driven joints in a serialised JointState; 0 without any."""
+    joints = decode(message, _JOINT_STATE_TYPE)
+    pairs = zip(joints.name, joints.position, strict=False)
+    return max((abs(float(angle)) for name, angle in pairs if name.startswith(_DRIVEN)), default=0.0)
 
 
 def _power(joints: Any) -> float:
@@ -135,7 +145,12 @@ def cost_of_transport(bag: Bag) -> float | None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the score of each bag; return 0, or 2 if one has none."""
+    """Print the score of each bag; return 0, or 2 if one has none that should have one.
+
+    Of a study, the bags of trials without a score are told and left out.
+    """
+    if arguments is None:
+        end_with_the_reader()
     parser = argparse.ArgumentParser(
         prog="score_bag",
         description="Print one line a recorded trial: mean forward speed, its spread (m/s), bag.",
@@ -151,9 +166,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stderr.write(f"error: {error}\n")
             failed = True
             continue
+        unscored = _trials_without_score(given)
         for path in bags:
-            failed = not _print_score(path) or failed
+            if path in unscored:
+                sys.stderr.write(f"note: {path}: {unscored[path]}\n")
+            else:
+                failed = not _print_score(path) or failed
     return 2 if failed else 0
+
+
+def _trials_without_score(path: Path) -> dict[Path, str]:
+    """Return what the journal of a study says of each bag whose trial is not OK; nothing if the path is no study."""
+    if not (path / _JOURNAL_FILE).exists():
+        return {}
+    # Optuna takes a third of a second, which only a study's scores spend.
+    from fin_optimizer.study import read_trials  # noqa: PLC0415
+    from fin_optimizer.trial import Outcome  # noqa: PLC0415
+
+    try:
+        trials = read_trials(path)
+    except (StudyError, OSError) as error:
+        sys.stderr.write(f"note: {error}: every bag of {path} is scored\n")
+        return {}
+    found = {}
+    for trial in trials:
+        if trial.outcome is not Outcome.OK:
+            because = f" ({trial.reason})" if trial.reason else ""
+            found[path / trial.bag] = f"trial {trial.number} is {trial.outcome.value}{because}"
+    return found
 
 
 def _print_score(path: Path) -> bool:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.journal import StudyError
+from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.report import show_speed, show_values
 from fin_optimizer.study import Objective, candidates, front, read_settings, read_trials
 from fin_optimizer.trial import Outcome
@@ -39,23 +41,28 @@ def study_table(settings: Settings, trials: Sequence[TrialRecord], limit: int | 
     with_cost = settings.objective is Objective.SPEED_AND_COST
     chosen = {candidate.number for candidate in front(tried)} if with_cost else set()
     heads = ["rank", "fin", "speed", "± between swims", "swims", "FAILED", "trials", "remark"]
+    interrupted = any(trial.interrupted for trial in trials)
+    if interrupted:
+        heads.insert(6, "interrupted")
     if with_cost:
         heads.insert(4, "J/m")
     table = Table(*heads, title=_title(settings, trials), title_justify="left")
     ranked = ranking(tried)
     for rank, candidate in enumerate(ranked[:limit], start=1):
         row = _row(candidate, in_front=candidate.number in chosen)
+        if interrupted:
+            row.insert(5, str(sum(trial.interrupted for trial in candidate.trials) or ""))
         if with_cost:
             row.insert(3, "" if candidate.cost is None else f"{candidate.cost:.4g}")
         style = "bold green" if rank == 1 and candidate.score is not None else None
         table.add_row(str(rank) if candidate.score is not None else "", *row, style=style)
     if limit is not None and len(ranked) > limit:
-        table.caption = f"{len(ranked) - limit} more: --all shows them"
+        table.caption = f"{len(ranked) - limit} more: see --all"
     return table
 
 
 def _row(candidate: Candidate, *, in_front: bool) -> list[str]:
-    outcomes = [trial.outcome for trial in candidate.trials]
+    outcomes = [trial.outcome for trial in candidate.trials if not trial.interrupted]
     reasons = [trial.reason for trial in candidate.trials if trial.outcome in {Outcome.FAILED, Outcome.INFEASIBLE}]
     remark = reasons[-1] if reasons and candidate.score is None else "on the Pareto front" if in_front else ""
     return [
@@ -70,13 +77,17 @@ def _row(candidate: Candidate, *, in_front: bool) -> list[str]:
 
 
 def _title(settings: Settings, trials: Sequence[TrialRecord]) -> str:
-    counts = {outcome: sum(trial.outcome is outcome for trial in trials) for outcome in Outcome}
-    said = ", ".join(f"{count} {outcome.value}" for outcome, count in counts.items() if count) or "no trial yet"
-    return f"{settings.objective.value}, {settings.policy.repeats} swims a fin: {said}"
+    counted = Counter("interrupted" if trial.interrupted else trial.outcome.value for trial in trials)
+    words = (*(outcome.value for outcome in Outcome), "interrupted")
+    said = ", ".join(f"{counted[word]} {word}" for word in words if counted[word]) or "no trial yet"
+    repeats = settings.policy.repeats
+    return f"{settings.objective.value}, {repeats} {'swim' if repeats == 1 else 'swims'} a fin: {said}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a study; return 0, or 2 if there is none."""
+    if arguments is None:
+        end_with_the_reader()
     parser = argparse.ArgumentParser(prog="show_study", description="Show a study's fins, the best first.")
     parser.add_argument("study", type=Path, metavar="STUDY", help="folder of the study; it may be under way")
     parser.add_argument("--all", action="store_true", help="every fin, not only the best 20")

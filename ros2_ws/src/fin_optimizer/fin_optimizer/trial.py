@@ -9,6 +9,7 @@ missing; then the gait is switched off and the bag is closed, whatever the phase
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Protocol
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 _WAITING = (State.WAITING_FOR_FIN, State.WAITING_FOR_RESET)
 NANOSECONDS = 1_000_000_000
+STRAIGHT = 0.05
+"""rad. In a rehearsal a tail that began at 0.06 rad changed a score by 1.4 %, at 0.2 rad by 8 %."""
 
 
 class Outcome(StrEnum):
@@ -121,6 +124,10 @@ class Facts(Protocol):
     @property
     def reset_reply(self) -> Reply | None:
         """Answer to RESET or RECOVER."""
+
+    @property
+    def tail_angle(self) -> float | None:
+        """Largest angle of a driven joint in rad, as said last; None before."""
 
     @property
     def unmatched_topics(self) -> Sequence[str]:
@@ -455,6 +462,21 @@ def _at_start(trial: Trial, facts: Facts) -> bool:
         and facts.plant is not None
         and trial.was_reset(facts.plant)
         and not _wrong(trial, facts)
+        and _is_straight(facts)
+    )
+
+
+def _is_straight(facts: Facts) -> bool:
+    return facts.tail_angle is None or facts.tail_angle <= STRAIGHT
+
+
+def _not_at_start(trial: Trial, facts: Facts) -> str:
+    if _is_straight(facts):
+        return _fin_not_ready(trial, facts)
+    angle = math.degrees(facts.tail_angle or 0.0)
+    return (
+        f"the tail stands at {angle:.1f} degrees, and a swim begins with a straight one, within "
+        f"{math.degrees(STRAIGHT):.0f} degrees: straighten it by hand"
     )
 
 
@@ -518,7 +540,7 @@ PHASES: tuple[Phase, ...] = (
         action=None,
         done=_at_start,
         patience="plant",
-        missing=_fin_not_ready,
+        missing=_not_at_start,
     ),
     Phase(
         "open the bag",

@@ -97,9 +97,10 @@ def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path
         for value in second.values if second else (None,):
             chosen = [row for row in rows if second is None or row[second.name] == value]
             speeds = [math.nan if row[name] is None else 100.0 * row[name] for row in chosen]  # type: ignore[operator]
-            label = f"{second.name} = {value:g}" if second else None
+            label = f"{second.name} = {value:g} {second.unit}".rstrip() if second else None
             panel.plot([row[first.name] for row in chosen], speeds, marker="o", ms=3, label=label)
-        panel.set(xlabel=first.name, ylabel=f"{name.replace('_', ' ')}, cm/s", ylim=(0.0, None))
+        panel.set(xlabel=f"{first.name}, {first.unit}" if first.unit else first.name)
+        panel.set(ylabel=f"{name.replace('_', ' ')}, cm/s", ylim=(0.0, None))
         if logarithmic:
             panel.set_xscale("log")
         if second:

@@ -22,15 +22,15 @@ from fin_sim.swim import SIMULATOR_PARAMETERS, swim
 if TYPE_CHECKING:
     from fin_sim.swim_result import Swim
 
-# What only the node has: its pace and its rate of messages.
-_NODE_ONLY = {"speed", "sample_rate", "reactive", "step"}
+# What only the node has, its pace, clock and rate of messages, and what the command has options of its own for.
+_NODE_ONLY = {"speed", "publish_clock", "sample_rate", "reactive", "step"}
 PARAMETERS = ParameterTable(
     {**FIN_PARAMETERS, **{n: entry for n, entry in SIMULATOR_PARAMETERS.items() if n not in _NODE_ONLY}}
 )
 """Parameters of fin, fish, water and servo, by the names that the node gives them."""
 
-GAIT_NUMBERS = ("amplitude", "frequency", "bias", "tow_speed")
-"""What a sweep can run over besides the parameters: degrees, Hz, degrees, m/s."""
+GAIT_NUMBERS = {"amplitude": "degrees", "frequency": "Hz", "bias": "degrees", "tow_speed": "m/s"}
+"""What a sweep can run over besides the parameters, and its units."""
 
 _LARGEST_SWEEP = 10_000
 
@@ -151,6 +151,11 @@ class Axis:
 
     name: str
     values: tuple[float, ...]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values, empty for a number that has none."""
+        return GAIT_NUMBERS[self.name] if self.name in GAIT_NUMBERS else PARAMETERS[self.name].unit
 
 
 def parse_axis(text: str) -> Axis:

@@ -319,7 +319,9 @@ def _run_case(options: argparse.Namespace) -> None:
 
 def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> Table:
     shown = [figure for figure in FIGURES if figure.name in SWEEP_TABLE]
-    table = Table(*(axis.name for axis in axes), *(f"{figure.title}\n{figure.unit}" for figure in shown))
+    table = Table(
+        *(f"{axis.name}\n{axis.unit}" for axis in axes), *(f"{figure.title}\n{figure.unit}" for figure in shown)
+    )
     for row in rows:
         table.add_row(
             *(_shown(row[axis.name]) for axis in axes), *(_shown(row[figure.name], figure.scale) for figure in shown)

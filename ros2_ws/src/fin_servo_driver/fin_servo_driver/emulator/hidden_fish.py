@@ -59,6 +59,10 @@ class Servo:
         self.rate = np.zeros(joints)
         self._lag = lag
 
+    def straighten(self) -> None:
+        """Turn all joints to neutral by hand, at rest."""
+        self.angle[:], self.rate[:] = 0.0, 0.0
+
     def motion(self, targets: Sequence[float | None], times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Advance to the last of ``times`` s, shape (T,), from 0; return the motion on the way, shape (T, joints, 3).
 
@@ -112,8 +116,9 @@ class HiddenFish:
         self.put_at_origin()
 
     def put_at_origin(self) -> None:
-        """Bring the fish back to its mark, at rest; its servos stay as they are."""
+        """Bring the fish back to its mark, at rest and with a straight tail, as a person does who holds it."""
         self._state = self._stepper.start()
+        self._servo.straighten()
 
     def angle(self, joint: int) -> float:
         """Return the true angle of a joint in rad."""
