@@ -80,7 +80,7 @@ def test_each_of_several_robots_has_a_robot_file_of_its_own() -> None:
     ("given", "message"),
     [
         ({"robot_file": "a.yaml"}, "robot_file:=a.yaml names 1 robot files for the 2 fish of plants"),
-        ({}, "robot_file:= names 0 robot files for the 2 fish of plants"),
+        ({"robot_file": "[]"}, "robot_file:=[] names 0 robot files for the 2 fish of plants"),
         ({"robot_file": "[a.yaml, a.yaml]"}, "names a.yaml twice, but two drivers cannot share a port"),
         ({"robot_file": "[a.yaml, b.yaml]", "port": "/dev/a"}, "port:=/dev/a cannot be the port of 2 robots"),
     ],
@@ -130,6 +130,7 @@ def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
         ({"plant": "robot", "speed": "1"}, "speed:= is no argument of a study"),
         ({"plant": "rehearsal", "port": "/dev/ttyACM0"}, "port:= is no argument of a study"),
         ({"robot_file": "robot.yaml"}, "robot_file:= is no argument of a study"),
+        ({"plant": "robot"}, "plant:=robot needs robot_file:=my_robot.yaml: copy an example"),
         ({"namespace": "fish"}, "namespace:=fish must be like /fish"),
         ({"namespace": "/fi sh"}, "namespace:=/fi sh must be like /fish"),
     ],
@@ -235,7 +236,8 @@ def test_the_nodes_of_a_launched_study_that_is_stopped_end_without_a_word(launch
 
 def test_a_fin_is_swum_three_times_on_a_robot_and_once_in_the_simulator_unless_asked_otherwise() -> None:
     def repeats(**given: str) -> object:
-        return graph.nodes(given)[-1].parameters.get("repeats", 1)
+        robot_file = {"robot_file": "robot.yaml"} if given.get("plant") == "robot" else {}
+        return graph.nodes(given | robot_file)[-1].parameters.get("repeats", 1)
 
     assert [repeats(plant="robot"), repeats(plant="sim"), repeats(plant="robot", repeats="")] == [3, 1, 3]
     assert [repeats(plant="robot", repeats="1"), repeats(repeats="5")] == [1, 5]

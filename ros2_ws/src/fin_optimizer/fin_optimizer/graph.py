@@ -155,6 +155,12 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     _refuse_unknown(values, (*OPTIMIZER_PARAMETERS, *(name for node in plant for name in node.table)))
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
     fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
+    if given.get("plant") == "robot" and not values.get("robot_file"):
+        msg = (
+            "plant:=robot needs robot_file:=my_robot.yaml: copy an example from fin_servo_driver/robots, write your "
+            "port into it, and calibrate each servo (docs/robot.md)"
+        )
+        raise ValueError(msg)
     each_robot = _robots(values, len(fish)) if given.get("plant") == "robot" and len(fish) > 1 else [{}] * len(fish)
     specs = []
     for number, (each, own) in enumerate(zip(fish, each_robot, strict=True)):

@@ -38,6 +38,9 @@ _LOOK_PERIOD = 0.02
 """s between two looks at facts that come without a callback: the graph, and time itself."""
 _FAST_LOOK_PERIOD = 0.002
 """s, while a plant swims far faster than real time: it must not go on long after its window."""
+_WAITING = (State.WAITING_FOR_FIN, State.WAITING_FOR_RESET)
+_MOMENT = 3.0
+"""s after which a person is told that the fish waits; an emulated operator answers within one."""
 _MANY = 20
 """Messages at one look that tell such a plant; in real time some ten come in a look period."""
 
@@ -72,6 +75,7 @@ class Lane:
         self._gait_due: float | None = None
         self._look_due = 0.0
         self._fast = self._was_fast = False
+        self._waiting, self._waiting_since = "", 0.0
         self._recorded: dict[str, str] = {}
         self._folder: Path | None = None
 
@@ -105,6 +109,19 @@ class Lane:
         """How far the fish has swum, or empty."""
         swims = self.trial is not None and self.trial.window is not None
         return f"{self.trial.swum(self._facts):.0f} s" if self.trial is not None and swims else ""
+
+    def waits_for(self, now: float) -> str:
+        """Return, once, what a person has to do if the fish waits for one longer than for a moment; else nothing."""
+        state = self.plant.state
+        waiting = ""
+        if self.trial is not None and state is not None and state.state in _WAITING:
+            waiting = state.reason or state.state.value
+        if waiting != self._waiting:
+            self._waiting, self._waiting_since = waiting, now
+        if not waiting or now - self._waiting_since < _MOMENT:
+            return ""
+        self._waiting_since = math.inf
+        return waiting
 
     def begin(self, record: TrialRecord, folder: Path) -> None:
         """Begin a trial that the journal knows as RUNNING; its bag goes into the study's folder."""

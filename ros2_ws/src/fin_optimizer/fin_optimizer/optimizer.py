@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 _HEALTH_PERIOD = 1.0
 _SHOW_PERIOD = 0.1
 _IDLE_PERIOD = 0.1
+_ARRIVAL = 5.0
+"""s in which several fish, started beside the optimiser, may appear without a word about it."""
 _DISCOVERY = 0.5
 """s before the first trial: a second plant must have been seen before the first one is spoken to."""
 
@@ -104,6 +106,9 @@ class Optimizer:
                 self._display.say(f"note: {repair}")
         for note in self._study.notes:
             self._display.say(f"note: {note}")
+        if self._mode is Mode.HOLDING:
+            service = f"{self.node.get_fully_qualified_name()}/start"
+            self._display.say(f"holding: begin with ros2 service call {service} std_srvs/srv/Trigger")
 
     # -- services ----------------------------------------------------------------------------------------------------
 
@@ -152,6 +157,9 @@ class Optimizer:
         if busy and now >= self._show_due:
             self._show_due = now + _SHOW_PERIOD
             self._display.show(busy[0].phase, busy[0].note)
+            for lane in busy:
+                if waiting := lane.waits_for(now):
+                    self._display.say(f"{lane.namespace} waits: {waiting} (answer with fin_servo_driver's operator)")
         if self._mode is Mode.STOPPING:
             self._cancel("~/stop was called")
             self._finish(node_process.EXIT_OK)
@@ -198,6 +206,8 @@ class Optimizer:
             return True
         trouble = lane.trouble
         before = self._left_out.get(lane.namespace, "")
+        if trouble and not before and time.monotonic() - self._start_at < _ARRIVAL:
+            return False  # it may still be starting
         if trouble and not before:
             self._left_out[lane.namespace] = trouble
             self._left_out_at = time.monotonic()
@@ -350,9 +360,12 @@ class Optimizer:
                 simulated_speed(plan.dimension.name, plan.fin, plan.gait, plan.measurement, parameters),
             )
         joint = plan.gait.joints[0]
+        size = f"{plan.fin.length * 100:g} x {plan.fin.height * 100:g} cm"
+        if len(dimensions) > 1:
+            size = f"of {plan.fin.length * plan.fin.height * 1e4:g} cm$^2$ and any length"
         title = (
-            f"fin {plan.fin.length * 100:g} x {plan.fin.height * 100:g} cm x {plan.fin.thickness * 1000:g} mm, "
-            f"{joint.frequency:g} Hz, swims of {plan.measurement.duration:g} s"
+            f"fin {size} x {plan.fin.thickness * 1000:g} mm, {joint.frequency:g} Hz, "
+            f"swims of {plan.measurement.duration:g} s"
         )
         path = self._study.folder / report.FIGURE_FILE
         report.write_figure(path, self._study.trials, self._study.best(), plan.dimension, curve=curve, title=title)
@@ -392,7 +405,8 @@ class Optimizer:
     def _say_how_to_go_on(self) -> None:
         if self._mode is not Mode.DONE:
             count, folder = len(self._study.trials), _near(self._study.folder)
-            self._display.say(f"stopped after {count} trials, all in the journal; go on with study_folder:={folder}")
+            trials = "1 trial" if count == 1 else f"{count} trials"
+            self._display.say(f"stopped after {trials}, all in the journal; go on with study_folder:={folder}")
 
 
 def _near(folder: Path) -> str:
