@@ -38,6 +38,7 @@ ROSDEP_KEYS = {
     "rosbags": "python3-rosbags-pip",
     "scipy": "python3-scipy",
     "serial": "python3-serial",
+    "threadpoolctl": None,
     "yaml": "python3-yaml",
     "zstandard": None,
 }
