@@ -6,6 +6,8 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 from support.processes import workspace_environment
 
 
@@ -32,6 +34,7 @@ def test_the_table_names_its_command_and_counts_the_ticks_of_the_driver(ros_doma
     assert 50 <= int(found[3]) <= 250
 
 
+@pytest.mark.long
 def test_a_study_that_fails_ends_the_measurement_with_its_reason(ros_domain: int) -> None:
     done = lateness(ros_domain, "no_such_device")
     assert done.returncode == 1

@@ -295,7 +295,9 @@ def test_a_disk_that_fills_up_ends_the_study_without_loss_and_more_room_lets_it_
         assert [row[column] for row in scored] == [row[column] for row in table(whole)]
 
 
-@pytest.mark.parametrize("algorithm", ["hill_climber", "genetic", "cma_es"])
+@pytest.mark.parametrize(
+    "algorithm", ["cma_es", *(pytest.param(name, marks=pytest.mark.long) for name in ("hill_climber", "genetic"))]
+)
 def test_modulus_and_length_are_searched_together_at_fixed_area(start: Start, folder: Path, algorithm: str) -> None:
     words = (f"search.algorithm:={algorithm}", "search.length.minimum:=0.06", "search.length.maximum:=0.1")
     assert start_bringup(start, folder, "trials:=6", *words, *SHORT).wait(90) == 0

@@ -32,7 +32,7 @@ def nodes_of(bringup: StartedProcess) -> dict[str, int]:
 
 
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("victim", ["servo_driver", "rehearsal"])
+@pytest.mark.parametrize("victim", ["servo_driver", pytest.param("rehearsal", marks=pytest.mark.long)])
 def test_a_kill_on_the_robots_path_stops_everything_and_the_study_goes_on_later(
     start: Callable[..., StartedProcess], tmp_path: Path, victim: str
 ) -> None:

@@ -140,7 +140,7 @@ def test_a_kill_loses_the_run_under_way_and_no_other(tmp_path: Path, monkeypatch
 
 def test_a_killed_command_leaves_no_process_and_is_resumed(tmp_path: Path) -> None:
     script = "from fin_optimizer import campaign; campaign.main()"
-    arguments = ["genetic", "--output", str(tmp_path), "--generations", "2000", "--genetic-runs", "40"]
+    arguments = ["genetic", "--output", str(tmp_path), "--generations", "100", "--genetic-runs", "40"]
     session = subprocess.Popen(
         [sys.executable, "-c", script, *arguments], stderr=subprocess.PIPE, start_new_session=True
     )
@@ -148,7 +148,7 @@ def test_a_killed_command_leaves_no_process_and_is_resumed(tmp_path: Path) -> No
         until(lambda: any((tmp_path / "runs").glob("genetic-*.npz")) if (tmp_path / "runs").exists() else False)
         session.kill()
     until(lambda: not members(session.pid))
-    study = Study(generations=2000, genetic_runs=40)
+    study = Study(generations=100, genetic_runs=40)
     kept = campaign.finished(tmp_path, plan(study, ["genetic"]))
     assert 1 <= len(kept) < 40
 
