@@ -72,6 +72,7 @@ def test_sixty_trials_leave_memory_and_files_flat(start: Start, tmp_path: Path) 
     many(start, tmp_path / "study", 60, 60.0)
 
 
+@pytest.mark.long
 def test_the_benchmark_times_trials_of_the_whole_graph(ros_domain: int) -> None:
     found = trial_loop(3, 1.0)
     assert (found.trials, found.swum) == (3, 3.0)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from support.processes import StartedProcess
 
 pytestmark = pytest.mark.graph
-OTHER_DEVICES = ("maestro", "lcus", "kmtronic")
+OTHER_DEVICES = ("modbus", "maestro", "lcus", "kmtronic")
 
 
 @pytest.mark.timeout(180)
@@ -44,7 +44,7 @@ def test_the_optimiser_works_against_the_hidden_fish_as_against_a_robot(
 
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize(
-    "device", ["dynamixel", "modbus", *(pytest.param(name, marks=pytest.mark.long) for name in OTHER_DEVICES)]
+    "device", ["dynamixel", *(pytest.param(name, marks=pytest.mark.long) for name in OTHER_DEVICES)]
 )
 def test_other_devices_swim_too_and_faults_are_survived(
     start: Callable[..., StartedProcess], ros_domain: int, device: str

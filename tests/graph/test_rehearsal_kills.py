@@ -31,8 +31,9 @@ def nodes_of(bringup: StartedProcess) -> dict[str, int]:
     return {name.removeprefix("__node:="): child for name, child in names.items()}
 
 
+@pytest.mark.long
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize("victim", ["servo_driver", pytest.param("rehearsal", marks=pytest.mark.long)])
+@pytest.mark.parametrize("victim", ["servo_driver", "rehearsal"])
 def test_a_kill_on_the_robots_path_stops_everything_and_the_study_goes_on_later(
     start: Callable[..., StartedProcess], tmp_path: Path, victim: str
 ) -> None:

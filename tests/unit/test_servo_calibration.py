@@ -7,12 +7,13 @@ import signal
 import stat
 import subprocess
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 import pytest
 
 from fin_servo_driver import backends, robot_file
-from fin_servo_driver.calibrate_servo import Calibration, Holder
+from fin_servo_driver.calibrate_servo import Calibration, Holder, calibrate
 from fin_servo_driver.emulator.devices import Dynamixel, Maestro
 from fin_servo_driver.emulator.pty_port import PtyPort
 from fin_servo_driver.port import SerialLine
@@ -43,6 +44,7 @@ def test_a_servo_that_measures_is_led_to_its_centre_from_where_it_stands(tmp_pat
     backend, line = backends.make(robot), SerialLine(str(port.path), robot.baud)
     backend.identify(line)
     holder = Holder(backend, line, robot, Calibration(joint, joint.centre, backend.lowest, backend.highest))
+    holder.start()
     wait_until(lambda: bus.outputs.get(joint.channel) == joint.centre, 5.0, "the centre")
     holder.close()
     line.close()
@@ -50,6 +52,22 @@ def test_a_servo_that_measures_is_led_to_its_centre_from_where_it_stands(tmp_pat
     assert abs(bus.goals[0] - (joint.centre - 300.0)) <= 4.0
     assert max(abs(b - a) for a, b in zip(bus.goals, bus.goals[1:], strict=False)) <= 4.0  # 300 a second, 100 a second
     assert bus.outputs[joint.channel] is None
+
+
+def test_what_interrupts_the_very_start_lets_go_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    port = PtyPort(Maestro(), tmp_path / "port")
+    robot = robot_file.load(robot_file.find("maestro"))
+
+    def interrupted(_: object) -> None:
+        wait_until(lambda: any(port.device.outputs.values()), 2.0, "a servo that is held")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        calibrate(robot, 1, str(port.path), [])
+    monkeypatch.undo()
+    wait_until(lambda: not any(port.device.outputs.values()), 1.0, "a servo without force")
+    port.close()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])

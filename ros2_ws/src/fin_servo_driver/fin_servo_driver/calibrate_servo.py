@@ -140,20 +140,29 @@ class Holder:
     """Leads the servo to where the calibration wants it, and holds it, in a thread of its own."""
 
     def __init__(self, backend: Backend, line: Line, robot: Robot, calibration: Calibration) -> None:
-        """Start where the servos say that they stand; those that measure nothing can only jump to their centres.
-
-        Raises:
-            DeviceError: A servo that measures does not tell where it stands.
-        """
+        """Take what to hold; nothing is sent before `start`."""
         self.failure = ""
         self._backend = backend
         self._line = line
         self._calibration = calibration
         self._centres = {joint.channel: joint.centre for joint in robot.servos}
-        self._sent = self._measured() if backend.measures else dict(self._centres)
+        self._sent = dict(self._centres)
+        self._held = False
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._hold, name="hold the servo")
-        backend.enable(line, self._sent)
+
+    def start(self) -> None:
+        """Begin where the servos say that they stand; those that measure nothing can only jump to their centres.
+
+        Whoever calls it calls `close` on every way out, one out of this method too.
+
+        Raises:
+            DeviceError: A servo that measures does not tell where it stands.
+        """
+        if self._backend.measures:
+            self._sent = self._measured()
+        self._held = True
+        self._backend.enable(self._line, self._sent)
         self._thread.start()
 
     def _measured(self) -> dict[int, float]:
@@ -180,10 +189,12 @@ class Holder:
             self.failure = str(error)
 
     def close(self) -> None:
-        """Let go of the servo."""
+        """Let go of the servo, if it was ever held."""
         self._ended.set()
-        self._thread.join()
-        self._backend.disable(self._line)
+        if self._thread.is_alive():
+            self._thread.join()
+        if self._held:
+            self._backend.disable(self._line)
 
 
 def calibrate(robot: Robot, number: int, port: str, lines: Iterable[str]) -> ServoJoint | None:
@@ -205,6 +216,7 @@ def calibrate(robot: Robot, number: int, port: str, lines: Iterable[str]) -> Ser
         backend.disable(line)
         holder = Holder(backend, line, robot, calibration)
         try:
+            holder.start()
             return _converse(calibration, holder, lines)
         finally:
             holder.close()
