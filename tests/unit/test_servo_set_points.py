@@ -224,6 +224,22 @@ def test_a_gait_received_before_somebody_asked_for_something_counts_no_more() ->
     assert tail.command(Command(PAPER_GAIT, 1.015), {})
 
 
+def test_a_gait_starts_when_it_was_first_received_though_its_repetition_took_its_place() -> None:
+    tail, alone = armed(None), armed(None)
+    tail.command(Command(PAPER_GAIT, 1.004, since=1.0), {})
+    alone.command(Command(PAPER_GAIT, 1.0), {})
+    for now in np.arange(1.01, 3.0, PERIOD):
+        assert tail.tick(now) == alone.tick(now)
+
+
+def test_what_repeats_a_gait_of_before_a_cut_starts_it_anew() -> None:
+    tail = armed(None)
+    drive(tail, 0.0, 2.31)
+    tail.cut(2.31)
+    assert tail.command(Command(PAPER_GAIT, 2.36, since=0.0), {})
+    assert tail.tick(2.36) == NEUTRAL
+
+
 def test_a_slow_joint_is_led_to_neutral_at_its_own_rate() -> None:
     slow = ServoMotion([replace(JOINT, rate=0.3)], PERIOD)
     tail = armed(None, subject=slow)

@@ -147,6 +147,7 @@ class ServoDriver:
         self._stop_reason = ""
         self._swimming_since: int | None = None
         self._sent: Command | None = None
+        self._gait_since = 0.0
         self._followed = False
         self._applied = Gait.from_rows([[0.0, 0.0, 0.0, 0.0]])
         self._counters = Counters()
@@ -357,6 +358,8 @@ class ServoDriver:
 
     def _on_gait(self, message: Float64MultiArray) -> None:
         now = time.monotonic()
+        if self._io is not None:
+            self._follow_phase(self._io)
         try:
             gait = self._accepted(gait_from_message(message))
         except (ValueError, DeviceError) as error:
@@ -365,9 +368,10 @@ class ServoDriver:
             return
         if gait is None:
             return
-        command = Command(gait, now)
-        self._need_io().mailbox.put(command)
-        self._sent = command
+        if self._sent is None or self._sent.gait != gait:
+            self._gait_since = now
+        self._sent = Command(gait, now, self._gait_since)
+        self._need_io().mailbox.put(self._sent)
         if gait.moves and self._swimming_since is None:
             self._swimming_since = stamp_of(now)
         elif not gait.moves:
@@ -465,7 +469,7 @@ class ServoDriver:
             return
         following = io.health.phase in {Phase.FOLLOWING, Phase.STOPPING}
         self._followed = self._followed or following
-        overdue = time.monotonic() - self._sent.time > _TAKE_SECONDS
+        overdue = time.monotonic() - self._gait_since > _TAKE_SECONDS
         if following or not (self._followed or overdue):
             return
         reason = io.health.refusal

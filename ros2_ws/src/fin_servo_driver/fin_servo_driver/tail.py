@@ -40,11 +40,14 @@ class Command:
 
     Attributes:
         gait: Inside all limits.
-        time: s of the monotonic clock at which it was received; from rest the gait starts then.
+        time: s of the monotonic clock at which it was received; it is fresh from then on.
+        since: s at which the gait was first received, where this command repeats it: the gait starts then, also where
+            the repetition took the first one's place before anybody saw it. None if this is the first.
     """
 
     gait: Gait
     time: float
+    since: float | None = None
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,10 @@ class Tail:
             self._motion.restart(self.settings.ramp_time, measured)
             self.phase = Phase.FOLLOWING
         self._watchdog.feed(command.time)
-        self._motion.command(command.gait, command.time)
+        since = command.since
+        if since is None or since < self._not_before:
+            since = command.time
+        self._motion.command(command.gait, since)
         return True
 
     def tick(self, now: float) -> Outputs | None:
