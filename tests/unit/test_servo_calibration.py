@@ -73,7 +73,9 @@ def test_what_interrupts_the_very_start_lets_go_too(tmp_path: Path, monkeypatch:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_signal_lets_go_of_the_servo(tmp_path: Path, number: signal.Signals) -> None:
     port = PtyPort(Maestro(), tmp_path / "port")
-    command = [sys.executable, "-m", "fin_servo_driver.calibrate_servo", str(robot_file.find("maestro"))]
+    background_job = ["env", "--ignore-signal=INT"]
+    program_itself = [sys.executable, "-m", "fin_servo_driver.calibrate_servo", str(robot_file.find("maestro"))]
+    command = [*background_job, *program_itself]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     with subprocess.Popen(
         [*command, "--port", str(port.path)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment

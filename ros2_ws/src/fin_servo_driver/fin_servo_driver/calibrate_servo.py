@@ -259,6 +259,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     for number in (signal.SIGTERM, signal.SIGHUP):  # a closed terminal must not leave the servo under force
         signal.signal(number, _end)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job starts with it ignored
     try:
         robot = robot_file.load(given.robot_file)
         joint = calibrate(robot, given.joint, given.port or robot.port, sys.stdin)
