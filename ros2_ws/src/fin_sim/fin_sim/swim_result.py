@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,7 +85,7 @@ class Swim:
     @cached_property
     def path_length(self) -> float:
         """Length of the path of the centre of mass, m."""
-        return float(CubicSpline(self.time, np.hypot(self.surge, self.sway)).integrate(0.0, self.duration))
+        return self.duration * self.mean_between(np.hypot(self.surge, self.sway), 0.0, self.duration)
 
     # -- the last whole beats ----------------------------------------------------------------------------------------
 
@@ -126,10 +126,10 @@ class Swim:
 
     def mean_between(self, values: NDArray[np.float64], begin: float, end: float) -> float:
         """Return the mean of ``values``, shape (S,), from ``begin`` to ``end`` s of the swim."""
-        return float(CubicSpline(self.time, values).integrate(begin, end)) / (end - begin)
+        return float(scipy.interpolate.CubicSpline(self.time, values).integrate(begin, end)) / (end - begin)
 
     def _at(self, values: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
-        result: NDArray[np.float64] = CubicSpline(self.time, values)(times)
+        result: NDArray[np.float64] = scipy.interpolate.CubicSpline(self.time, values)(times)
         return result
 
     @cached_property
