@@ -80,7 +80,7 @@ def test_each_of_several_robots_has_a_robot_file_of_its_own() -> None:
     ("given", "message"),
     [
         ({"robot_file": "a.yaml"}, "robot_file:=a.yaml names 1 robot files for the 2 fish of plants"),
-        ({"robot_file": "[]"}, "robot_file:=[] names 0 robot files for the 2 fish of plants"),
+        ({"robot_file": "[a.yaml,b.yaml,c.yaml]"}, "names 3 robot files for the 2 fish of plants"),
         ({"robot_file": "[a.yaml, a.yaml]"}, "names a.yaml twice, but two drivers cannot share a port"),
         ({"robot_file": "[a.yaml, b.yaml]", "port": "/dev/a"}, "port:=/dev/a cannot be the port of 2 robots"),
     ],
@@ -89,7 +89,7 @@ def test_several_robots_cannot_share_a_robot_file_or_a_port(given: dict[str, str
     with pytest.raises(ValueError) as refused:  # noqa: PT011  (the message is looked at below)
         graph.nodes({"plant": "robot", "plants": "[/a/fish, /b/fish]", **given})
     assert message in str(refused.value)
-    assert "robot_file:=[a.yaml, b.yaml]" in str(refused.value) or "in its robot file" in str(refused.value)
+    assert "robot_file:=[a.yaml,b.yaml]" in str(refused.value) or "in its robot file" in str(refused.value)
 
 
 def test_several_fish_of_a_rehearsal_are_emulated_alike() -> None:
@@ -117,9 +117,9 @@ def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"trial": "3"}, "trial:= is no argument of a study: did you mean trials"),
+        ({"trial": "3"}, "trial:= is no argument of a study with plant:=sim: did you mean trials"),
         ({"fin.youngs_modulus": "1e9"}, "did you mean fin.young_modulus"),
-        ({"zzz": "1"}, "there is plant, namespace, trials"),
+        ({"zzz": "1"}, "zzz:= is no argument of a study with plant:=sim: --help"),
         ({"trials": "0"}, "trials = 0 is outside the allowed range [1, 1e+06]"),
         ({"trials": "many"}, "trials must be a number, got 'many'"),
         ({"trials": "2.5"}, "trials = 2.5 must be a whole number"),
@@ -127,9 +127,9 @@ def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
         ({"fin.thickness": "-1"}, "fin.thickness = -1 m is outside the allowed range"),
         ({"autostart": "perhaps"}, "autostart = 'perhaps' must be true or false"),
         ({"plant": "whale"}, "plant:=whale is not known: use plant:=sim or plant:=robot or plant:=rehearsal"),
-        ({"plant": "robot", "speed": "1"}, "speed:= is no argument of a study"),
-        ({"plant": "rehearsal", "port": "/dev/ttyACM0"}, "port:= is no argument of a study"),
-        ({"robot_file": "robot.yaml"}, "robot_file:= is no argument of a study"),
+        ({"plant": "robot", "speed": "1"}, "with plant:=robot: it is one with plant:=sim"),
+        ({"plant": "rehearsal", "port": "/dev/ttyACM0"}, "with plant:=rehearsal: it is one with plant:=robot"),
+        ({"robot_file": "robot.yaml"}, "with plant:=sim: it is one with plant:=robot or plant:=rehearsal"),
         ({"plant": "robot"}, "plant:=robot needs robot_file:=my_robot.yaml: copy an example"),
         ({"namespace": "fish"}, "namespace:=fish must be like /fish"),
         ({"namespace": "/fi sh"}, "namespace:=/fi sh must be like /fish"),

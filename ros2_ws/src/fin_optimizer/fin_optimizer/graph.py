@@ -144,26 +144,21 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     Raises:
         ValueError: An unknown argument (the message offers the nearest names) or a value that is refused.
     """
-    plant = _plant(given.get("plant", "sim"))
+    kind = given.get("plant", "sim")
+    plant = _plant(kind)
     namespace = given.get("namespace", NAMESPACE)
     if not NAMESPACE_PATTERN.fullmatch(namespace):
         msg = f"namespace:={namespace} must be like {NAMESPACE} or /tank_a/fish: a slash, then letters, digits and _"
         raise ValueError(msg)
     values = {name: text for name, text in given.items() if name not in {"plant", "namespace"}}
     if not values.get("repeats"):
-        values["repeats"] = _REPEATS.get(given.get("plant", "sim"), "1")
-    _refuse_unknown(values, (*OPTIMIZER_PARAMETERS, *(name for node in plant for name in node.table)))
+        values["repeats"] = _REPEATS.get(kind, "1")
+    _refuse_unknown(values, kind)
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
     fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
-    if given.get("plant") == "robot" and not values.get("robot_file"):
-        msg = (
-            "plant:=robot needs robot_file:=my_robot.yaml: copy an example from fin_servo_driver/robots, write your "
-            "port into it, and calibrate each servo (docs/robot.md)"
-        )
-        raise ValueError(msg)
-    each_robot = _robots(values, len(fish)) if given.get("plant") == "robot" and len(fish) > 1 else [{}] * len(fish)
+    robots = _robots(values, len(fish)) if kind == "robot" else [{}] * len(fish)
     specs = []
-    for number, (each, own) in enumerate(zip(fish, each_robot, strict=True)):
+    for number, (each, own) in enumerate(zip(fish, robots, strict=True)):
         for node in plant:
             chosen = {**_parameters(node.table, values | own), **node.fixed}
             if number:
@@ -173,21 +168,27 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
 
 
 def _robots(values: Mapping[str, str], count: int) -> list[dict[str, str]]:
-    """Return what the arguments say of each of several robots alone.
+    """Return what the arguments say of each robot alone.
 
     Raises:
-        ValueError: Two would share a robot file or a port.
+        ValueError: There is no robot file, or two robots would share one or a port.
     """
     given = values.get("robot_file", "")
-    files = _words(given)
-    advice = "give one for each, in their order, like robot_file:=[a.yaml, b.yaml]"
+    files = _words(given) if count > 1 else [given]
+    advice = "give one for each, in their order, like robot_file:=[a.yaml,b.yaml]"
+    if not any(files):
+        msg = (
+            "plant:=robot needs robot_file:=my_robot.yaml: copy an example from fin_servo_driver/robots, write your "
+            "port into it, and calibrate each servo (docs/robot.md)"
+        )
+        raise ValueError(msg)
     if len(files) != count:
         msg = f"robot_file:={given} names {len(files)} robot files for the {count} fish of plants: {advice}"
         raise ValueError(msg)
     if twice := next((file for file in files if files.count(file) > 1), ""):
         msg = f"robot_file:={given} names {twice} twice, but two drivers cannot share a port: {advice}"
         raise ValueError(msg)
-    if port := values.get("port", ""):
+    if count > 1 and (port := values.get("port", "")):
         msg = f"port:={port} cannot be the port of {count} robots: leave it out, and give each one's in its robot file"
         raise ValueError(msg)
     return [{"robot_file": file} for file in files]
@@ -198,14 +199,21 @@ def _words(text: str) -> list[str]:
     return [word for word in re.split(r"[\[\],\s]+", text) if word]
 
 
-def _refuse_unknown(names: Iterable[str], known: Iterable[str]) -> None:
-    known = ("plant", "namespace", *known)
+def _refuse_unknown(names: Iterable[str], plant: str) -> None:
+    known = [argument.name for argument in arguments(plant)]
     for name in names:
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=3)
-            hint = f"did you mean {' or '.join(near)}?" if near else f"there is {', '.join(known)}"
-            msg = f"{name}:= is no argument of a study: {hint}"
-            raise ValueError(msg)
+        if name in known:
+            continue
+        others = [other for other in _PLANTS if name in (argument.name for argument in arguments(other))]
+        near = difflib.get_close_matches(name, known, n=3)
+        if others:
+            hint = f"it is one with plant:={' or plant:='.join(others)}"
+        elif near:
+            hint = f"did you mean {' or '.join(near)}?"
+        else:
+            hint = "--help (of `ros2 launch`: --show-args) lists them"
+        msg = f"{name}:= is no argument of a study with plant:={plant}: {hint}"
+        raise ValueError(msg)
 
 
 def _parameters(table: ParameterTable, given: Mapping[str, str]) -> dict[str, Value]:
