@@ -237,6 +237,18 @@ def test_a_resumed_study_is_scored_without_its_interrupted_trial(
     assert f": every bag of {resumed} is scored\nerror: {bags[1]}: " in capsys.readouterr().err
 
 
+def test_scores_have_a_header_for_a_person_only(
+    resumed: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    score_bag.main([str(resumed)])
+    piped = capsys.readouterr().out
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    score_bag.main([str(resumed)])
+    header, _, lines = capsys.readouterr().out.partition("\n")
+    assert header.split("  ")[0] == "speed (m/s)"
+    assert lines == piped
+
+
 def test_an_interrupted_trial_is_shown_apart_from_failed_ones(
     resumed: Path, study: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

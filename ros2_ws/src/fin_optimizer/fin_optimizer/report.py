@@ -165,6 +165,8 @@ def write_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidat
 
 
 def _draw_trials(axes: Axes, trials: Sequence[TrialRecord], name: str, factor: float) -> None:
+    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415  (see write_figure)
+
     scored = [trial for trial in trials if trial.score is not None]
     if scored:
         points = axes.scatter(
@@ -178,7 +180,7 @@ def _draw_trials(axes: Axes, trials: Sequence[TrialRecord], name: str, factor: f
             label=f"trials ({len(scored)})",
             zorder=3,
         )
-        axes.figure.colorbar(points, ax=axes, label="trial", pad=0.02)
+        axes.figure.colorbar(points, ax=axes, label="trial", pad=0.02, ticks=MaxNLocator(integer=True))
     for outcome, marker in ((Outcome.FAILED, "x"), (Outcome.INFEASIBLE, "|")):
         places = [trial.values[name] / factor for trial in trials if trial.outcome is outcome]
         if places:

@@ -153,13 +153,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         end_with_the_reader()
     parser = argparse.ArgumentParser(
         prog="score_bag",
-        description="Print one line a recorded trial: mean forward speed, its spread (m/s), bag.",
+        description="Print one line a recorded trial: mean forward speed (m/s), its spread (m/s), bag.",
     )
     parser.add_argument(
         "paths", nargs="+", type=Path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
     )
     failed = False
-    for given in parser.parse_args(arguments).paths:
+    paths = parser.parse_args(arguments).paths
+    if sys.stdout.isatty():  # a program that reads the numbers knows what they are
+        sys.stdout.write(f"{'speed (m/s)':<20} {'spread (m/s)':<20} bag\n")
+    for given in paths:
         try:
             bags = list(bag_folders(given)) if given.is_dir() else [given]
         except BagError as error:
