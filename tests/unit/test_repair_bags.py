@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
+import os
 import random
 import shutil
 from typing import TYPE_CHECKING
@@ -9,14 +12,16 @@ from typing import TYPE_CHECKING
 import pytest
 from rosbags.rosbag2 import Reader
 
+from fin_optimizer import bag as bag_module
 from fin_optimizer import repair_bags as repair_module
-from fin_optimizer.bag import BagTopic, BagWriter, is_closed, read_bag
+from fin_optimizer.bag import BagError, BagTopic, BagWriter, is_closed, read_bag
 from fin_optimizer.repair_bags import main, repair_bag, repair_bags
 from fin_optimizer.score import Measurement
 from fin_optimizer.score_bag import score_bag
-from support.bags import write_swim
+from support.bags import START, STATE, STEP, VELOCITY, state, velocity, write_swim
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 
@@ -156,3 +161,75 @@ def test_a_bag_cut_in_its_very_last_bytes_is_repaired_with_every_message(swim: P
         repair = repair_bag(left_open(cut, length))
         assert repair is not None
         assert (repair.failure, repair.counts) == ("", whole.counts)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[BagWriter]:
+    """A bag that is being recorded, with some messages on the disk."""
+    with BagWriter(tmp_path / "bags" / "trial_0003", (VELOCITY, STATE), Measurement(duration=1.0).metadata()) as writer:
+        writer.write(STATE.name, state("SWIMMING", START))
+        for index in range(51):
+            writer.write(VELOCITY.name, velocity(START + index * STEP, 0.1))
+        writer.flush()
+        yield writer
+
+
+def test_a_bag_that_is_being_recorded_is_left_alone_and_keeps_every_message(
+    recording: BagWriter, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(recording.path)]) == 0
+    assert capsys.readouterr().out == "bag trial_0003 is being recorded, left alone\n"
+    for index in range(51, 101):
+        recording.write(VELOCITY.name, velocity(START + index * STEP, 0.1))
+    assert recording.close().counts == read_bag(recording.path).counts == {VELOCITY.name: 101, STATE.name: 1}
+    assert is_closed(recording.path)
+    assert repair_bag(recording.path) is None
+
+
+def test_a_bag_whose_recording_has_just_begun_is_not_removed(recording: BagWriter) -> None:
+    file = next(recording.path.glob("*.mcap"))
+    os.truncate(file, 8)
+    repair = repair_bag(recording.path)
+    assert repair is not None
+    assert not repair.empty
+    assert file.exists()
+
+
+def test_a_bag_is_left_alone_until_its_metadata_are_written(
+    recording: BagWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    repairs = []
+    write_whole = bag_module._write_whole
+
+    def write_late(path: Path, text: str) -> None:
+        repairs.append(str(repair_bag(recording.path)))
+        write_whole(path, text)
+
+    monkeypatch.setattr(bag_module, "_write_whole", write_late)
+    recording.close()
+    assert repairs == ["bag trial_0003 is being recorded, left alone"]
+    assert is_closed(recording.path)
+
+
+def test_a_file_system_without_locks_is_recorded_to_and_repaired(
+    swim: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def flock(*_: object) -> None:
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    left_open(swim)
+    repair = repair_bag(swim)
+    assert repair is not None
+    assert repair.failure == ""
+    assert is_closed(swim)
+
+
+def test_a_bag_that_is_being_repaired_is_not_recorded_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def flock(*_: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    with pytest.raises(BagError, match=r"cannot write bag .*trial_0003: Resource temporarily unavailable"):
+        BagWriter(tmp_path / "trial_0003", (VELOCITY,), {})
+    assert not (tmp_path / "trial_0003").exists()

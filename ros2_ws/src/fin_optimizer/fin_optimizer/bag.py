@@ -11,6 +11,7 @@ reached. So a swim that ran fifty times faster than real time is played back at 
 
 from __future__ import annotations
 
+import fcntl
 import io
 import os
 import struct
@@ -39,6 +40,7 @@ from fin_optimizer.score import NANOSECONDS
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
+    from typing import IO
 
     from mcap.records import McapRecord
     from numpy.typing import NDArray
@@ -171,8 +173,24 @@ def velocity_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDAr
 # Writing
 
 
+def lock(file: IO[bytes]) -> None:
+    """Keep other processes off a bag until its file is closed; a file system without locks has to do without.
+
+    Raises:
+        BlockingIOError: Another process records the bag, or repairs it.
+    """
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        pass
+
+
 class BagWriter:
     """Writes one bag; use it in a ``with`` statement, which closes it readable on every way out.
+
+    Its file is locked meanwhile, so that nobody repairs it.
 
     Args:
         path: Folder of the bag, made here. Its parents are made where missing.
@@ -215,6 +233,7 @@ class BagWriter:
         self._flushed_at = time.monotonic()
         try:
             with self._failing("write"):
+                lock(self._file)
                 self._channels = self._start()
         except BagError:
             self._undo()
@@ -356,7 +375,6 @@ class BagWriter:
         self._mcap.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
         os.fsync(self._file.fileno())
-        self._file.close()
         _write_whole(self.path / "metadata.yaml", _yaml({"rosbag2_bagfile_information": information}))
         return summary
 

@@ -14,7 +14,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fin_optimizer.bag import MAGIC_SIZE, BagError, BagTopic, BagWriter, is_closed, mcap_file, read_bag
+from fin_optimizer.bag import MAGIC_SIZE, BagError, BagTopic, BagWriter, is_closed, lock, mcap_file, read_bag
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -34,6 +34,7 @@ class Repair:
         lost: Bytes at the end of the original that were no whole chunk any more.
         failure: Why it could not be repaired, or empty. The original is then as it was.
         empty: Nothing had been written to it yet, so it was removed.
+        recorded: Another process is writing it, so it was left alone.
     """
 
     path: Path
@@ -41,9 +42,12 @@ class Repair:
     lost: int
     failure: str = ""
     empty: bool = False
+    recorded: bool = False
 
     def __str__(self) -> str:
         """Say what came of it."""
+        if self.recorded:
+            return f"bag {self.path.name} is being recorded, left alone"
         if self.empty:
             return f"bag {self.path.name} was left open before anything was written to it: removed"
         if self.failure:
@@ -61,12 +65,15 @@ def repair_bag(path: Path) -> Repair | None:
     """
     if is_closed(path):
         return None
-    if _holds_nothing(path):
-        shutil.rmtree(path)
-        return Repair(path, {}, 0, empty=True)
     try:
-        original = read_bag(path)
-        return _repaired(path, original)
+        with mcap_file(path).open("r+b") as file:  # a network's file system locks only what can be written
+            lock(file)
+            if _holds_nothing(path):
+                shutil.rmtree(path)
+                return Repair(path, {}, 0, empty=True)
+            return _repaired(path, read_bag(path))
+    except BlockingIOError:
+        return Repair(path, {}, 0, recorded=True)
     except (BagError, OSError) as error:
         return Repair(path, {}, 0, str(error))
 
