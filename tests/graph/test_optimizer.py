@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 import signal
 import threading
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -27,7 +29,7 @@ from support.plant_client import PlantClient
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from support.disk import Disk
     from support.processes import StartedProcess
@@ -65,9 +67,12 @@ def table(folder: Path) -> list[dict[str, str]]:
 
 
 class StubPlant:
-    """A plant that publishes its state and answers as it is told; what it does not offer is missing."""
+    """A plant that publishes its state and answers as it is told; what it does not offer is missing.
 
-    def __init__(self, domain: int, *, fin_refusal: str | None = None) -> None:
+    For each fin that it is given, ``answers`` holds the s that it takes and why it refuses; an empty text accepts.
+    """
+
+    def __init__(self, domain: int, answers: Iterable[tuple[float, str]] | None = None) -> None:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node(
@@ -75,18 +80,20 @@ class StubPlant:
         )
         states = self._node.create_publisher(topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos)
         states.publish(plant_state_message(PlantState(State.READY, "stub", 1)))
-        if fin_refusal is not None:
-            self._refusal = fin_refusal
-            self._node.create_service(SetParametersAtomically, "~/set_parameters_atomically", self._refuse)
+        if answers is not None:
+            self._answers = iter(answers)
+            self._node.create_service(SetParametersAtomically, "~/set_parameters_atomically", self._answer)
             self._node.create_service(Trigger, "~/reset", lambda _, response: response)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._executor.spin)
 
-    def _refuse(
+    def _answer(
         self, _: SetParametersAtomically.Request, response: SetParametersAtomically.Response
     ) -> SetParametersAtomically.Response:
-        response.result = SetParametersResult(successful=False, reason=self._refusal)
+        seconds, refusal = next(self._answers)
+        time.sleep(seconds)
+        response.result = SetParametersResult(successful=not refusal, reason=refusal)
         return response
 
     def __enter__(self) -> Self:
@@ -180,12 +187,16 @@ def test_an_optimiser_that_is_stopped_switches_the_gait_off(start: Start, folder
 
 
 def test_without_a_plant_the_trial_fails_and_names_the_topic(start: Start, folder: Path) -> None:
-    optimizer = start_optimizer(start, folder, "timeout.find:=0.5", "failures_in_a_row:=3")
+    optimizer = start_optimizer(start, folder, "timeout.find:=0.5", "failures_in_a_row:=3", "trials:=1", *SHORT)
     assert optimizer.wait(60) == 1
     assert [row["outcome"] for row in table(folder)] == ["FAILED"] * 3
-    assert len({row[MODULUS] for row in table(folder)}) == 2, "one repetition of a fin, then the next one"
     assert "nobody publishes topic /fish/plant_state" in table(folder)[0]["reason"]
     assert "3 trials in a row FAILED" in optimizer.output()
+    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    again = start_optimizer(start, folder, "timeout.find:=20.0", "failures_in_a_row:=3", "trials:=1", *SHORT)
+    assert again.wait(60) == 0
+    assert table(folder)[-1]["outcome"] == "OK"
+    assert len({row[MODULUS] for row in table(folder)}) == 1, "a plant that was not there used up no fin"
 
 
 def test_a_plant_without_services_fails_the_trial_and_names_them(start: Start, folder: Path, ros_domain: int) -> None:
@@ -199,7 +210,7 @@ def test_a_plant_without_services_fails_the_trial_and_names_them(start: Start, f
 def test_a_fin_that_the_plant_refuses_is_infeasible_and_not_tried_again(
     start: Start, folder: Path, ros_domain: int
 ) -> None:
-    with StubPlant(ros_domain, fin_refusal="fin.young_modulus is not in stock"):
+    with StubPlant(ros_domain, itertools.repeat((0.0, "fin.young_modulus is not in stock"))):
         optimizer = start_optimizer(start, folder, "trials:=3")
         assert optimizer.wait(60) == 1
     rows = table(folder)
@@ -210,9 +221,38 @@ def test_a_fin_that_the_plant_refuses_is_infeasible_and_not_tried_again(
     assert "no trial gave a score" in optimizer.output()
 
 
+def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_fins(
+    start: Start, folder: Path, ros_domain: int
+) -> None:
+    with StubPlant(ros_domain, [(0.7, "not in stock"), (0.0, "")]):
+        words = ("timeout.reply:=0.5", "timeout.plant:=0.5", "failures_in_a_row:=2")
+        assert start_optimizer(start, folder, *words).wait(60) == 1
+    rows = table(folder)
+    assert [row["outcome"] for row in rows] == ["FAILED", "FAILED"]
+    assert "set the fin: no answer" in rows[0]["reason"]
+    assert "wait for the fin: " in rows[1]["reason"], "it was accepted"
+
+
+def test_a_study_is_not_gone_on_with_by_another_fish(start: Start, folder: Path, client: PlantClient) -> None:
+    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    assert start_optimizer(start, folder, "trials:=1", *SHORT).wait(60) == 0
+    area = client.get_parameter("body.drag_area")
+    bag = read_bag(folder / table(folder)[0]["bag"])
+    assert (bag.metadata["plant"], bag.metadata["body.drag_area"]) == ("simulator", repr(area))
+    assert client.set_parameters({"body.drag_area": 2.0 * area, "speed": 10.0}).successful
+    other = start_optimizer(start, folder, "trials:=2", *SHORT)
+    assert other.wait(60) == 1
+    expected = f"error: the study was begun with another fish: body.drag_area is {area} there and {2.0 * area} here"
+    assert expected in other.output()
+    assert client.set_parameters({"body.drag_area": area}).successful
+    assert start_optimizer(start, folder, "trials:=2", *SHORT).wait(60) == 0
+    assert [row["outcome"] for row in table(folder)] == ["OK", "FAILED", "OK"]
+    assert table(folder)[1][MODULUS] == table(folder)[2][MODULUS]
+
+
 def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, ros_domain: int) -> None:
     start_node(start, "fin_sim", "simulator").wait_for_output("kernel ready")
-    with StubPlant(ros_domain, fin_refusal=""):
+    with StubPlant(ros_domain, []):
         optimizer = start_optimizer(
             start, folder, "timeout.find:=2.0", "failures_in_a_row:=2", "attempts:=10", "trials:=1"
         )

@@ -27,13 +27,23 @@ pytestmark = pytest.mark.graph
 OTHER_DEVICES = ("modbus", "maestro", "lcus", "kmtronic")
 
 
+def play_a_thrust_of_long_ago(domain: int) -> None:
+    """Do what a bag of the simulator does that is played for a moment: a robot has no thrust."""
+    with RobotClient(domain) as client:
+        publisher = client._node.create_publisher(topics.THRUST.type, topics.THRUST.name, topics.THRUST.qos)
+        client.wait_until(publisher.get_subscription_count, "recorder")
+        publisher.publish(topics.THRUST.type())
+        assert publisher.wait_for_all_acked()
+
+
 @pytest.mark.timeout(180)
 def test_the_optimiser_works_against_the_hidden_fish_as_against_a_robot(
-    start: Callable[..., StartedProcess], tmp_path: Path
+    start: Callable[..., StartedProcess], tmp_path: Path, ros_domain: int
 ) -> None:
     study = tmp_path / "study"
     words = ("plant:=rehearsal", "trials:=2", "measurement.duration:=3.0", f"study_folder:={study}")
     bringup = start("fin_optimizer", "bringup", *words)
+    play_a_thrust_of_long_ago(ros_domain)
     assert bringup.wait(150.0) == 0, bringup.tail()
     with (study / "trials.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

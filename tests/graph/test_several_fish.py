@@ -13,6 +13,9 @@ from fin_optimizer.bag import read_bag
 from fin_optimizer.score_bag import cost_of_transport, score_bag
 from fin_optimizer.study import Objective, candidates, front, read_settings, read_trials
 from fin_optimizer.trial import Outcome
+from fin_plant.messages import gait_message
+from fin_plant.plant_state import State
+from support.plant_client import PlantClient
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -24,19 +27,9 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.graph
 FISH = ("/tank_a/fish", "/tank_b/fish")
-# A body without weight to speak of in much too thick a liquid, and limits that let a wild gait through: no step is
-# short enough for it.
-HOPELESS = (
-    "speed:=0.0",
-    "step:=0.01",
-    "limits.sweep:=1.5",
-    "limits.frequency:=20.0",
-    "drive.ramp_time:=0.02",
-    "body.mass:=0.001",
-    "body.inertia:=1.0e-7",
-    "body.drag_area:=1.0",
-    "body.lift_area:=10.0",
-)
+# Limits that let a gait through for which the step is too long.
+FRAIL = ("limits.sweep:=1.5", "limits.frequency:=20.0", "drive.ramp_time:=0.02", "step:=0.01")
+WILD_GAIT = gait_message([[1.5, 20.0, 0.0, 0.0]])
 
 
 def parameters(*assigned: str) -> list[str]:
@@ -86,20 +79,22 @@ def test_a_fin_that_failed_on_every_fish_is_tried_again_until_it_is_given_up(sta
 
 
 def test_a_fish_in_fault_is_left_out_and_takes_part_again_after_its_reset(
-    start: Start, tmp_path: Path, call: Callable[[str], Any]
+    start: Start, tmp_path: Path, ros_domain: int, call: Callable[[str], Any]
 ) -> None:
     folder = tmp_path / "study"
     words = (f"study_folder:={folder}", f"plants:=[{','.join(FISH)}]", "trials:=1000", "measurement.duration:=1.0")
-    gait = ("gait.amplitude:=1.5", "gait.frequency:=20.0")
-    start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={FISH[0]}", "-p", "speed:=4.0")
-    # The other one's limits tame the gait.
-    start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={FISH[1]}", *parameters(*HOPELESS))
-    study = start("fin_optimizer", "optimizer", "--ros-args", *parameters(*words, *gait))
+    for fish in FISH:
+        start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={fish}", *parameters(*FRAIL))
+    study = start("fin_optimizer", "optimizer", "--ros-args", *parameters(*words))
+    with PlantClient(ros_domain, namespace=FISH[1]) as somebody_else:
+        somebody_else.wait_for_state(State.SWIMMING)
+        somebody_else.publish_gait(WILD_GAIT, repeat=True)
+        somebody_else.wait_for_state(State.FAULT)
     study.wait_for_output(f"{FISH[1]} does not take part: {FISH[1]}/simulator is in FAULT")
     study.wait_for_output("trial 0004")
     trials = read_trials(folder)
-    first = next(trial for trial in trials if trial.plant == FISH[1])
-    assert first.outcome is Outcome.FAILED
+    first = next(trial for trial in trials if trial.outcome is Outcome.FAILED)
+    assert first.plant == FISH[1]
     assert "stopped being finite" in first.reason
     again = [trial for trial in trials if trial.candidate == first.candidate and trial is not first]
     assert [trial.plant for trial in again] == [FISH[0]]
@@ -149,7 +144,7 @@ def test_a_fish_that_lost_one_of_its_nodes_is_stopped_altogether(start: Start, t
     others = [node(study, FISH[1], name) for name in ("__node:=servo_driver", "__node:=rehearsal")]
     os.kill(node(study, FISH[1], "velocity_estimator"), signal.SIGKILL)
     wait_until(lambda: not any(Path(f"/proc/{other}/exe").exists() for other in others), 20, "the end of the fish")
-    assert f"the study goes on without {FISH[1]}" in study.output()
+    study.wait_for_output(f"the study goes on without {FISH[1]}")
     study.signal(signal.SIGINT)
     assert study.wait(30) == 130
     swum = {trial.plant for trial in read_trials(tmp_path / "study") if trial.started is not None}

@@ -38,11 +38,11 @@ TIMEOUT = 20.0
 class PlantClient:
     """Everything a test asks of a plant, on a ROS domain of its own; a context manager."""
 
-    def __init__(self, domain: int, plant: str = "simulator") -> None:
+    def __init__(self, domain: int, plant: str = "simulator", namespace: str = topics.NAMESPACE) -> None:
         os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(node_process.FAST_DDS_PROFILE))
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node("plant_client", namespace=topics.NAMESPACE, context=self._context)
+        self._node = rclpy.create_node("plant_client", namespace=namespace, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._arrivals: defaultdict[str, list[tuple[int, Any]]] = defaultdict(list)

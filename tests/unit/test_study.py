@@ -13,7 +13,16 @@ import pytest
 
 from fin_optimizer.journal import StudyError
 from fin_optimizer.search import Dimension, HillClimber, Space
-from fin_optimizer.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study, is_for_another, read_settings
+from fin_optimizer.study import (
+    JOURNAL_FILE,
+    SETTINGS_FILE,
+    Candidate,
+    Policy,
+    Settings,
+    Study,
+    is_for_another,
+    read_settings,
+)
 from fin_optimizer.trial import Outcome, Result
 from support.simultaneous_studies import begin_together
 
@@ -29,6 +38,7 @@ SETTINGS = Settings(SPACE, Policy(repeats=1, attempts=2), {"seed": 1, "gait.freq
 SEARCH = HillClimber(SPACE, 1, {MODULUS: math.sqrt(0.1) * 1e9})
 FAILED = Result(Outcome.FAILED, "no message on topic /fish/velocity")
 INTERRUPTED = Result(Outcome.FAILED, "interrupted: Ctrl-C", interrupted=True)
+GONE = Result(Outcome.FAILED, "nobody publishes topic /fish/plant_state any more", interrupted=True)
 INFEASIBLE = Result(Outcome.INFEASIBLE, "thicker than long")
 
 
@@ -211,10 +221,79 @@ def test_a_fin_that_failed_on_a_fish_is_swum_by_another_as_long_as_there_is_one_
     study = Study.create(folder, Settings(SPACE, Policy(attempts=10)))
     for plant in failed_on:
         study.propose(*following(study), plant)
-        study.finish(len(study.trials) - 1, FAILED)
-    record = study.propose(*following(study), "c")  # an interruption says nothing about the fish
-    study.finish(record.number, INTERRUPTED)
+        study.finish(len(study.trials) - 1, GONE)
+    study.propose(*following(study), "c")
     assert is_for_another(study.candidates[0], "a", list(there)) is elsewhere
+
+
+def test_a_fish_swims_on_while_a_fin_that_failed_on_it_waits_for_another_one(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    study.propose(*following(study), "a")
+    study.finish(0, FAILED)
+
+    def waits(candidate: Candidate) -> bool:
+        return is_for_another(candidate, "a", ["a", "b"])
+
+    assert study.next_candidate(SEARCH, passes=waits) == (1, study.next_candidate(SEARCH, passes=lambda _: True)[1])  # type: ignore[index]
+    assert study.next_candidate(SEARCH, 1, passes=waits) is None
+    assert following(study)[0] == 0
+
+
+def test_nothing_is_proposed_beyond_the_total_also_where_it_has_become_smaller(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    for _ in range(3):
+        swim(study)
+    assert [study.next_candidate(SEARCH, total) for total in (2, 3)] == [None, None]
+
+
+def test_a_fin_is_not_settled_while_one_of_its_swims_is_under_way(folder: Path) -> None:
+    study = Study.create(folder, Settings(SPACE, Policy(repeats=3, attempts=2)))
+    for plant in "abc":
+        study.start(study.propose(*following(study), plant).number)
+    study.finish(0, FAILED)
+    study.finish(1, FAILED)
+    assert study.settled() == 0
+    assert following(study)[0] == 1, "it is given up: no further swim of it is begun"
+    study.finish(2, ok(0.02))
+    assert study.settled() == 1
+    assert study.candidates[0].score == 0.02
+
+
+@pytest.mark.parametrize("room", range(3))
+def test_an_interruption_stays_one_where_the_disk_refuses_half_of_it(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    settings = Settings(SPACE, Policy(attempts=1))
+    study = Study.create(folder, settings)
+    study.start(study.propose(*following(study)).number)
+    backend = optuna.storages.journal.JournalFileBackend
+    written, append = iter(range(room)), backend.append_logs
+
+    def append_while_there_is_room(self: Any, logs: Any) -> None:
+        if next(written, None) is None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        append(self, logs)
+
+    with monkeypatch.context() as full_disk:
+        full_disk.setattr(backend, "append_logs", append_while_there_is_room)
+        with pytest.raises(StudyError):
+            study.finish(0, INTERRUPTED)
+    study.close()
+    again = Study.open(folder, settings)
+    assert again.trials[0].interrupted
+    assert following(again)[0] == 0
+
+
+def test_the_first_fish_met_is_the_studys_and_another_one_is_named(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    fish = {"plant": "simulator", "body.mass": 0.1 + 0.2, "reactive": "elongated_body"}
+    assert study.meet(fish) == []
+    study.close()
+    again = Study.open(folder, SETTINGS)
+    assert again.meet(fish) == []
+    assert again.meet(fish | {"body.mass": 1.0}) == ["body.mass is 0.30000000000000004 there and 1.0 here"]
+    assert again.meet({"plant": "robot"})[0] == "plant is simulator there and robot here"
+    assert again.meet(fish) == [], "the study's fish stays the one it was"
 
 
 def test_repeats_of_a_fin_are_averaged(folder: Path) -> None:

@@ -35,6 +35,7 @@ class Seen:
     plant: PlantState | None = None
     fin_reply: Reply | None = None
     reset_reply: Reply | None = None
+    other_fish: str | None = ""
     tail_angle: float | None = 0.0
     unmatched_topics: Sequence[str] = ("/fish/velocity",)
     newest_velocity: int | None = None
@@ -103,12 +104,26 @@ class Rehearsal:
         if state is not None:
             self.seen.plant = state
 
+    def wait_for_people(self, phase: str, state: State) -> None:
+        """Let a plant wait for somebody in this phase."""
+        self.reach(phase)
+        self.say(state, 50 * SECOND, "mount the fin")
+
     @property
     def failure(self) -> str:
         """Why the trial FAILED."""
+        return self._failed.reason
+
+    @property
+    def is_attempt(self) -> bool:
+        """Whether the trial, which FAILED, counts as an attempt at its fin."""
+        return not self._failed.interrupted
+
+    @property
+    def _failed(self) -> Result:
         assert self.trial.result is not None, f"still in '{self.trial.phase}'"
         assert self.trial.result.outcome is Outcome.FAILED
-        return self.trial.result.reason
+        return self.trial.result
 
 
 def test_a_trial_that_goes_well_does_everything_once_and_in_order() -> None:
@@ -274,13 +289,11 @@ WAITING_FOR_PEOPLE = [("wait for the fin", State.WAITING_FOR_FIN), ("wait at the
 @pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
 def test_people_get_the_time_they_need(phase: str, state: State) -> None:
     rehearsal = Rehearsal()
-    rehearsal.reach(phase)
-    rehearsal.say(state, 50 * SECOND, "mount the fin")
+    rehearsal.wait_for_people(phase, state)
     rehearsal.update(1e6)
     assert rehearsal.trial.phase == phase
     impatient = Rehearsal(timeouts=replace(TIMEOUTS, people=3600.0))
-    impatient.reach(phase)
-    impatient.say(state, 50 * SECOND, "mount the fin")
+    impatient.wait_for_people(phase, state)
     impatient.update(3601.0)
     assert f"says {state} (mount the fin)" in impatient.failure
 
@@ -288,8 +301,7 @@ def test_people_get_the_time_they_need(phase: str, state: State) -> None:
 @pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
 def test_nobody_is_waited_for_once_the_plant_is_gone(phase: str, state: State) -> None:
     rehearsal = Rehearsal()
-    rehearsal.reach(phase)
-    rehearsal.say(state, 50 * SECOND, "mount the fin")
+    rehearsal.wait_for_people(phase, state)
     rehearsal.update(1e6)
     rehearsal.seen.plants, rehearsal.seen.publishers = (), frozenset()
     rehearsal.update(1.0)
@@ -297,18 +309,54 @@ def test_nobody_is_waited_for_once_the_plant_is_gone(phase: str, state: State) -
     assert rehearsal.trial.result is None, "too early"
     rehearsal.update(0.1)
     assert rehearsal.failure == f"{phase}: nobody publishes topic /fish/plant_state any more (waited 30 s)"
+    assert not rehearsal.is_attempt
 
 
 @pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
 def test_a_plant_that_is_out_of_sight_for_a_moment_is_waited_for(phase: str, state: State) -> None:
     rehearsal = Rehearsal()
-    rehearsal.reach(phase)
-    rehearsal.say(state, 50 * SECOND, "mount the fin")
+    rehearsal.wait_for_people(phase, state)
     for _ in range(10):
         for publishers in (frozenset[str](), frozenset({"first"})):
             rehearsal.seen.publishers = publishers
             rehearsal.update(20.0)
     assert rehearsal.trial.phase == phase
+
+
+@pytest.mark.parametrize("phase", ["find the plant", "wait until it is at rest", "set the fin"])
+def test_a_plant_that_never_took_the_fin_is_no_attempt_at_it(phase: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.update(60.0)
+    assert not rehearsal.is_attempt
+
+
+def test_silence_under_way_is_an_attempt_at_the_fin() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("measure")
+    rehearsal.update(6.0)
+    assert rehearsal.is_attempt
+
+
+def test_another_fish_than_the_studys_swims_nothing() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait for the fin")
+    rehearsal.seen.other_fish = "the study was begun with another fish: body.mass is 1.0 there and 2.0 here"
+    rehearsal.update()
+    assert rehearsal.failure == f"wait for the fin: {rehearsal.seen.other_fish}"
+    assert not rehearsal.is_attempt
+    assert Action.GAIT_ON not in rehearsal.actions
+
+
+def test_no_swim_begins_before_it_is_known_which_fish_it_is() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.seen.other_fish = None
+    rehearsal.reach("wait at the start")
+    rehearsal.say(State.READY, 4 * SECOND, fin=SHOWN)
+    rehearsal.update(5.0)
+    assert rehearsal.trial.phase == "wait at the start"
+    rehearsal.update(5.1)
+    assert "no answer from service /fish/simulator/get_parameters" in rehearsal.failure
 
 
 def test_a_swim_begins_with_a_straight_tail() -> None:
@@ -341,6 +389,7 @@ def test_a_plant_that_was_started_anew_knows_nothing_of_the_trial(phase: str, se
     rehearsal.seen.publishers = frozenset(seen)
     rehearsal.update(0.01)
     assert f"{phase}: who publishes topic /fish/plant_state now was started after the fin" in rehearsal.failure
+    assert not rehearsal.is_attempt
 
 
 @pytest.mark.parametrize("phase", AFTER_THE_FIN[AFTER_THE_FIN.index("open the bag") :])
@@ -351,6 +400,7 @@ def test_a_swim_with_another_fin_is_never_taken_for_the_trials(phase: str) -> No
     rehearsal.say(State.SWIMMING, stamp, fin=OTHER_FIN)
     rehearsal.update(0.01)
     assert f"{phase}: the fin mounted has fin.young_modulus = 1200000000.0 instead of 1500000000.0" in rehearsal.failure
+    assert not rehearsal.is_attempt
 
 
 def test_a_plant_that_was_started_anew_before_it_got_the_fin_is_as_good_as_the_one_before() -> None:
@@ -386,6 +436,7 @@ def test_a_plant_that_stops_swimming_early_fails_the_trial() -> None:
     rehearsal.say(State.READY, 16 * SECOND, "no fresh gait", fin=SHOWN)
     rehearsal.update()
     assert "the plant went to READY 5.00 s into a swim of 12 s (no fresh gait)" in rehearsal.failure
+    assert rehearsal.is_attempt
 
 
 @pytest.mark.parametrize("phase", ["settle", "measure", "stop the gait"])
@@ -423,6 +474,7 @@ def test_a_second_plant_that_turns_up_fails_the_trial(phase: str) -> None:
     rehearsal.seen.plants = ("/fish/servo_driver", "/fish/simulator")
     rehearsal.update()
     assert rehearsal.failure.startswith(f"{phase}: topic /fish/plant_state has 2 publishers")
+    assert not rehearsal.is_attempt
 
 
 def test_a_missing_service_is_named() -> None:

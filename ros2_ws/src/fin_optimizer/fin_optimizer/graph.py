@@ -28,7 +28,8 @@ OPTIMIZER_PARAMETERS = ParameterTable({**load_table("fin_optimizer", "optimizer_
 """The optimiser's own parameters and the fin that its search starts from."""
 
 SIMULATOR = "simulator"
-_PLANT_LIMITS = ParameterTable({n: p for n, p in PLANT_PARAMETERS.items() if n not in FIN_PARAMETERS})
+PLANT_LIMITS = ParameterTable({n: p for n, p in PLANT_PARAMETERS.items() if n not in FIN_PARAMETERS})
+"""What every plant has besides the fin."""
 # A study in the simulator should not take as long as one in a tank.
 _STUDY_DEFAULTS: dict[str, Value] = {"speed": 0.0}
 # Of several simulated fish the first one's time is the graph's.
@@ -83,13 +84,13 @@ class _PlantNode:
     fixed: Mapping[str, Value] = field(default_factory=dict)
 
 
-SIMULATOR_PARAMETERS = ParameterTable({**load_table("fin_sim", "simulator_parameters.yaml"), **_PLANT_LIMITS})
+SIMULATOR_PARAMETERS = ParameterTable({**load_table("fin_sim", "simulator_parameters.yaml"), **PLANT_LIMITS})
 """The simulator's own parameters, the fin excepted: that is the optimiser's to choose."""
 
 _DRIVER_PARAMETERS = load_table("fin_servo_driver", "servo_driver_parameters.yaml")
 # What the driver takes on the robot alone: the rehearsal's operator tells it the port of the emulated device.
 _ROBOT_ONLY = ("robot_file", "port", "watchdog.disabled_knowingly")
-_ROBOT = ParameterTable({**{n: _DRIVER_PARAMETERS[n] for n in _ROBOT_ONLY}, **_PLANT_LIMITS})
+_ROBOT = ParameterTable({**{n: _DRIVER_PARAMETERS[n] for n in _ROBOT_ONLY}, **PLANT_LIMITS})
 _ESTIMATOR = _PlantNode(
     "fin_servo_driver", "velocity_estimator", load_table("fin_servo_driver", "velocity_estimator_parameters.yaml")
 )
@@ -99,7 +100,7 @@ _PLANTS = {
     # The emulated device comes first and so ends last: the driver's neutral must still find it.
     "rehearsal": (
         _PlantNode("fin_servo_driver", "rehearsal", load_table("fin_servo_driver", "rehearsal_parameters.yaml")),
-        _PlantNode("fin_servo_driver", "servo_driver", _PLANT_LIMITS, {"plant": "rehearsal"}),
+        _PlantNode("fin_servo_driver", "servo_driver", PLANT_LIMITS, {"plant": "rehearsal"}),
         _ESTIMATOR,
     ),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from std_msgs.msg import Float64
 
 from fin_optimizer import report
 from fin_optimizer.bag import BagError, decode
+from fin_optimizer.graph import PLANT_LIMITS, SIMULATOR, SIMULATOR_PARAMETERS
 from fin_optimizer.observation import Observation
 from fin_optimizer.plant_client import PlantClient
 from fin_optimizer.recorder import LONGEST_PAUSE, Recorder
@@ -22,7 +24,7 @@ from fin_plant.messages import key_values
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from rclpy.node import Node
@@ -30,6 +32,7 @@ if TYPE_CHECKING:
 
     from fin_optimizer.plan import Plan
     from fin_optimizer.study import TrialRecord
+    from fin_plant.parameters import Value
     from fin_plant.topics import Topic
 
 _GAIT_PERIOD = 0.25
@@ -41,6 +44,8 @@ _FAST_LOOK_PERIOD = 0.002
 _WAITING = (State.WAITING_FOR_FIN, State.WAITING_FOR_RESET)
 _MOMENT = 3.0
 """s after which a person is told that the fish waits; an emulated operator answers within one."""
+_NO_PART_OF_THE_FISH = ("speed", "publish_clock", "command_timeout")
+"""Parameters of a plant that change nothing in a swim."""
 _MANY = 20
 """Messages at one look that tell such a plant; in real time some ten come in a look period."""
 
@@ -55,7 +60,14 @@ class Lane:
         record: What the journal says of it.
     """
 
-    def __init__(self, node: Node, namespace: str, plan: Plan, metadata: Mapping[str, str]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        namespace: str,
+        plan: Plan,
+        metadata: Mapping[str, str],
+        meet: Callable[[Mapping[str, object]], Sequence[str]],
+    ) -> None:
         """Listen to the fish.
 
         Args:
@@ -63,6 +75,7 @@ class Lane:
             namespace: Of the fish, absolute.
             plan: What the study asks for.
             metadata: What describes the study, for every bag.
+            meet: Tells in what a fish differs from the study's, see `Study.meet`.
         """
         self.namespace = namespace
         self.plant = PlantClient(node, namespace)
@@ -70,6 +83,7 @@ class Lane:
         self.record: TrialRecord | None = None
         self._plan = plan
         self._metadata = metadata
+        self._meet = meet
         self._recorder = Recorder(node, namespace=namespace, minimum_free=plan.number("disk.minimum_free"))
         self._facts = Observation(node, self.plant, self._recorder, namespace)
         self._gait_due: float | None = None
@@ -100,6 +114,17 @@ class Lane:
         return ""
 
     @property
+    def simulated_fish(self) -> Mapping[str, Value] | None:
+        """Parameters of the fish that the plant simulates, None for a robot or before they are known."""
+        told = self.plant.parameters or {}
+        return told if SIMULATOR_PARAMETERS.keys() <= told.keys() else None
+
+    @property
+    def other_fish(self) -> str:
+        """Why the fish is not the study's, or empty."""
+        return self._facts.other_fish or ""
+
+    @property
     def phase(self) -> str:
         """Phase of the trial under way, or empty."""
         return self.trial.phase if self.trial is not None else ""
@@ -126,7 +151,7 @@ class Lane:
     def begin(self, record: TrialRecord, folder: Path) -> None:
         """Begin a trial that the journal knows as RUNNING; its bag goes into the study's folder."""
         self.record, self._folder = record, folder
-        self._facts.bag_error, self._facts.result = "", None
+        self._facts.bag_error, self._facts.result, self._facts.other_fish = "", None, None
         self.trial = Trial(
             self.namespace, self._plan.fin_of(record.values), self._plan.measurement, self._plan.timeouts
         )
@@ -148,6 +173,7 @@ class Lane:
         self._repeat_gait(now)
         if self.plant.changed or now >= self._look_due:
             self.plant.changed = False
+            self._compare_fish()
             before = None
             while trial.result is None and trial.phase != before:
                 before = trial.phase
@@ -197,6 +223,8 @@ class Lane:
     def _carry_out(self, action: Action, trial: Trial) -> None:
         match action:
             case Action.SET_FIN:
+                simulated = self.plant.state is not None and self.plant.state.plant == SIMULATOR
+                self.plant.ask_parameters(tuple(SIMULATOR_PARAMETERS if simulated else PLANT_LIMITS))
                 self.plant.set_fin(trial.fin)
             case Action.RESET | Action.RECOVER:
                 self.plant.reset()
@@ -212,6 +240,17 @@ class Lane:
                 self._with_bag(self._recorder.close)
             case Action.SCORE:
                 self._facts.result = self._scored(trial)
+
+    def _fish(self) -> dict[str, object]:
+        """Return what swims, as far as the plant has told: all that decides a swim, the fin and the gait excepted."""
+        kind = {"plant": self.plant.state.plant} if self.plant.state is not None else {}
+        told = self.plant.parameters or {}
+        return {**kind, **{name: value for name, value in told.items() if name not in _NO_PART_OF_THE_FISH}}
+
+    def _compare_fish(self) -> None:
+        if self.plant.parameters is not None and self._facts.other_fish is None:
+            different = "; ".join(self._meet(self._fish()))
+            self._facts.other_fish = different and f"the study was begun with another fish: {different}"
 
     def _repeat_gait(self, now: float) -> None:
         if self._gait_due is not None and now >= self._gait_due:
@@ -237,8 +276,9 @@ class Lane:
             "trial.started": record.started.isoformat() if record.started is not None else "",
             "plant.namespace": self.namespace,
         }
-        plant = {"plant": state.plant, **state.fin} if state is not None else {}
-        return {**trial, **plant, **self._metadata}
+        fin = state.fin if state is not None else {}
+        fish = {name: value if isinstance(value, str) else json.dumps(value) for name, value in self._fish().items()}
+        return {**trial, **fish, **fin, **self._metadata}
 
     def _scored(self, trial: Trial) -> Result:
         if trial.window is None:

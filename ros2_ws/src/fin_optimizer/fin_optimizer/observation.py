@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fin_optimizer.score_bag import tail_angle
 from fin_plant import topics
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from fin_optimizer.recorder import Recorder
     from fin_optimizer.trial import Reply, Result, Trial
     from fin_plant.plant_state import PlantState
+    from fin_plant.topics import Topic
 
 # A robot offers no thrust, and a pose only with a tracker: those are waited for only where somebody publishes them.
 _ALWAYS_RECORDED = (
@@ -27,7 +28,8 @@ _ALWAYS_RECORDED = (
     topics.CANDIDATE,
 )
 _RECORDED_IF_THERE = (topics.POSE, topics.THRUST)
-_STREAMS = (topics.JOINT_STATES, topics.VELOCITY, *_RECORDED_IF_THERE)
+_ALWAYS_STREAMED = (topics.JOINT_STATES, topics.VELOCITY)
+_STREAMS = (*_ALWAYS_STREAMED, *_RECORDED_IF_THERE)
 
 
 class Observation:
@@ -37,6 +39,7 @@ class Observation:
         trial: Whose facts are looked at.
         bag_error: Why the bag could not be opened or closed, or empty.
         result: How the swim was scored, None before.
+        other_fish: Why the fish is not the study's, or empty; None until that is known.
     """
 
     def __init__(self, node: Node, plant: PlantClient, recorder: Recorder, namespace: str) -> None:
@@ -47,6 +50,7 @@ class Observation:
         self.trial: Trial | None = None
         self.bag_error = ""
         self.result: Result | None = None
+        self.other_fish: str | None = None
 
     @property
     def plants(self) -> Sequence[str]:
@@ -87,8 +91,7 @@ class Observation:
     @property
     def unmatched_topics(self) -> Sequence[str]:
         """Topics without publisher, and streams of which nothing has come yet: only that proves the way is open."""
-        there = [topic for topic in _RECORDED_IF_THERE if self._node.count_publishers(topic.name_in(self._namespace))]
-        required = [*_ALWAYS_RECORDED, *there]
+        required = [*_ALWAYS_RECORDED, *self._optional_streams()]
         silent = {t.name for t in required if t in _STREAMS and not self._recorder.received(t)}
         return [self._full(name) for name in sorted({*self._recorder.unmatched(required), *silent})]
 
@@ -102,7 +105,9 @@ class Observation:
         """Streams that have not reached the end of the window."""
         if self.trial is None or self.trial.window is None:
             return []
-        newest = {topic.name: self._recorder.newest_stamp(topic) for topic in _STREAMS}
+        # Of an optional stream something may have come from who publishes it no more: a bag that was played.
+        streams = (*_ALWAYS_STREAMED, *self._optional_streams())
+        newest = {topic.name: self._recorder.newest_stamp(topic) for topic in streams}
         end = self.trial.window.end_ns
         return [self._full(name) for name, stamp in newest.items() if stamp is not None and stamp < end]
 
@@ -110,6 +115,10 @@ class Observation:
     def recorder_failure(self) -> str:
         """Why the bag cannot be written."""
         return self.bag_error or self._recorder.failure or ""
+
+    def _optional_streams(self) -> list[Topic[Any]]:
+        """Return the streams that a plant need not have, of those that somebody publishes."""
+        return [topic for topic in _RECORDED_IF_THERE if self._node.count_publishers(topic.name_in(self._namespace))]
 
     def _full(self, name: str) -> str:
         return f"{self._namespace}/{name}"

@@ -7,6 +7,7 @@ import os
 import sys
 import time
 from enum import Enum
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -17,7 +18,7 @@ from fin_optimizer import report
 from fin_optimizer.bag import BagError
 from fin_optimizer.curve import simulated_speed
 from fin_optimizer.disk_space import shortage
-from fin_optimizer.graph import OPTIMIZER, OPTIMIZER_PARAMETERS, SIMULATOR, SIMULATOR_PARAMETERS
+from fin_optimizer.graph import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.journal import StudyError
 from fin_optimizer.lane import Lane
 from fin_optimizer.plan import Plan
@@ -72,12 +73,11 @@ class Optimizer:
         self._mode = Mode.RUNNING if self._plan.values["autostart"] else Mode.HOLDING
         self._exit_code: int | None = None
         self._failures_in_a_row = 0
-        self._asked_parameters = False
         self._health_due = self._show_due = 0.0
         self._start_at = time.monotonic() + _DISCOVERY
         self._metadata = self._study_metadata()
         namespaces = self._plan.plants or [self.node.get_namespace()]
-        self._lanes = [Lane(self.node, namespace, self._plan, self._metadata) for namespace in namespaces]
+        self._lanes = [Lane(self.node, each, self._plan, self._metadata, self._study.meet) for each in namespaces]
         self._left_out: dict[str, str] = {}
         self._left_out_at = 0.0
         self._offer()
@@ -181,10 +181,9 @@ class Optimizer:
             if missing := shortage(self._study.folder, self._plan.number("disk.minimum_free")):
                 self._give_up(missing)
                 return _IDLE_PERIOD
-            following = self._study.next_candidate(self._plan.search, self._total)
+            passes = partial(is_for_another, plant=lane.namespace, plants=self._taking_part())
+            following = self._study.next_candidate(self._plan.search, self._total, passes=passes)
             if following is None:  # what it depends on is still swimming
-                break
-            if self._is_for_another(lane, following[0]):
                 continue
             record = self._study.propose(*following, lane.namespace)
             lane.begin(self._study.start(record.number), self._study.folder)
@@ -194,11 +193,8 @@ class Optimizer:
             self._all_left_out()
         return wait
 
-    def _is_for_another(self, lane: Lane, candidate: int) -> bool:
-        """Whether the candidate, which failed on this fish, is left to another one that takes part."""
-        there = [each.namespace for each in self._lanes if each.namespace not in self._left_out]
-        tried = self._study.candidates[candidate : candidate + 1]
-        return any(is_for_another(each, lane.namespace, there) for each in tried)
+    def _taking_part(self) -> list[str]:
+        return [lane.namespace for lane in self._lanes if lane.namespace not in self._left_out]
 
     def _takes_part(self, lane: Lane) -> bool:
         """Whether the fish gets trials. The only one always does: what ails it is the trial's to find and to tell."""
@@ -230,19 +226,12 @@ class Optimizer:
         self._display.end(record, self._study.settled(), self._study.best())
         lane.publish_candidate(record)
         self._publish_progress()
-        if record.score is not None:
-            self._learn_simulator(lane)
         self._failures_in_a_row = self._failures_in_a_row + 1 if record.outcome is Outcome.FAILED else 0
         stopped = self._mode not in {Mode.RUNNING, Mode.PAUSING}
-        if self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not stopped:
+        if lane.other_fish and not stopped:
+            self._give_up(f"{lane.other_fish}. Use the same, or another study_folder")
+        elif self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not stopped:
             self._give_up(f"{self._failures_in_a_row} trials in a row FAILED")
-
-    def _learn_simulator(self, lane: Lane) -> None:
-        """Ask a simulated plant, once, which fish it swims: the report draws the sweep of the same fish."""
-        simulated = lane.plant.state is not None and lane.plant.state.plant == SIMULATOR
-        if simulated and not self._asked_parameters:
-            self._asked_parameters = True
-            lane.plant.ask_parameters(tuple(SIMULATOR_PARAMETERS))
 
     def _cancel(self, reason: str) -> None:
         for lane in self._lanes:
@@ -352,7 +341,7 @@ class Optimizer:
 
     def _draw(self) -> None:
         plan, curve = self._plan, None
-        parameters = next((lane.plant.parameters for lane in self._lanes if lane.plant.parameters), None)
+        parameters = next((lane.simulated_fish for lane in self._lanes if lane.simulated_fish), None)
         dimensions = self._study.settings.space.dimensions
         if parameters and len(dimensions) == 1:
             curve = report.sweep(

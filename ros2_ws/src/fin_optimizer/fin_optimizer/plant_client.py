@@ -41,7 +41,7 @@ class PlantClient:
         fin_reply: Answer to the last `set_fin`, None before it has come.
         reset_reply: Answer to the last `reset`, None before it has come.
         changed: Something new has come; the owner sets it back.
-        parameters: What `ask_parameters` learnt, by name.
+        parameters: What `ask_parameters` learnt, by name, None before the answer has come.
     """
 
     def __init__(self, node: Node, namespace: str) -> None:
@@ -49,7 +49,8 @@ class PlantClient:
         self.fin_reply: Reply | None = None
         self.reset_reply: Reply | None = None
         self.changed = False
-        self.parameters: dict[str, Value] = {}
+        self.parameters: dict[str, Value] | None = None
+        self._newest: dict[Client, Future] = {}
         self._node = node
         self._plants: list[str] = []
         self._publishers: frozenset[str] = frozenset()
@@ -104,6 +105,7 @@ class PlantClient:
         for client in (self._set_parameters, self._reset, self._get_parameters):
             if client is not None:
                 self._node.destroy_client(client)
+        self._newest.clear()
         self._name = name
         self._set_parameters = self._node.create_client(
             SetParametersAtomically, f"{name}/{topics.SET_PARAMETERS_SERVICE}"
@@ -133,11 +135,12 @@ class PlantClient:
         self._call(self._reset, Trigger.Request(), note)
 
     def ask_parameters(self, names: Sequence[str]) -> None:
-        """Ask for these parameters; `parameters` will tell."""
+        """Ask for these parameters; `parameters` will tell those that the plant has."""
+        self.parameters = None
 
         def note(response: Any) -> None:
             values = [parameter_value_to_python(value) for value in response.values]
-            self.parameters = dict(zip(names, values, strict=False))
+            self.parameters = {name: value for name, value in zip(names, values, strict=False) if value is not None}
 
         self._call(self._get_parameters, GetParameters.Request(names=list(names)), note)
 
@@ -147,10 +150,12 @@ class PlantClient:
             raise RuntimeError(msg)
 
         def answered(future: Future) -> None:
-            self.changed = True
-            note(future.result())
+            if self._newest.get(client) is future:  # an answer that comes too late is to an earlier question
+                self.changed = True
+                note(future.result())
 
-        client.call_async(request).add_done_callback(answered)
+        self._newest[client] = client.call_async(request)
+        self._newest[client].add_done_callback(answered)
 
     def send(self, gait: Gait) -> None:
         """Send a gait."""

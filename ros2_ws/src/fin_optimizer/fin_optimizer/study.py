@@ -38,7 +38,7 @@ from fin_optimizer.trial import Outcome
 from fin_plant import checks
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from datetime import datetime
     from pathlib import Path
 
@@ -53,6 +53,8 @@ _PARTIAL = ".partial"
 _NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS}
 """What os.link says on vfat and exFAT, on CIFS, and in user space."""
 _STUDY_NAME = "study"
+_FISH = "fish"
+"""Of the study in Optuna's ledger: what swims."""
 _KILLED = "interrupted: the optimiser's process ended before the trial did"
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -100,7 +102,7 @@ class TrialRecord:
         values: The candidate, in SI units.
         outcome: What became of it.
         reason: Why it FAILED or is INFEASIBLE, else empty.
-        interrupted: It FAILED because somebody or something stopped the optimiser; it says nothing about the fin.
+        interrupted: It FAILED for a reason that says nothing about the fin, like a stop or a plant that is gone.
         score: Mean forward speed in m/s, None unless OK.
         spread: Standard deviation of the speed between blocks of the swim in m/s, None unless OK and known.
         cost: Cost of transport in J/m, None unless OK and asked for.
@@ -177,16 +179,19 @@ class Candidate:
         """Whether one more trial should be begun, now that some may be under way."""
         outcomes = [trial.outcome for trial in self.trials]
         begun = outcomes.count(Outcome.OK) + outcomes.count(Outcome.RUNNING) + outcomes.count(Outcome.PROPOSED)
-        return not self.settled(policy) and begun < policy.repeats
+        return not self._given_up(policy) and begun < policy.repeats
 
     def settled(self, policy: Policy) -> bool:
-        """Whether it needs no further trial: swum often enough, failed too often, or infeasible."""
+        """Whether it needs no further trial, and none is under way: what is known of it changes no more."""
+        outcomes = [trial.outcome for trial in self.trials]
+        if Outcome.RUNNING in outcomes or Outcome.PROPOSED in outcomes:
+            return False
+        return self._given_up(policy) or outcomes.count(Outcome.OK) >= policy.repeats
+
+    def _given_up(self, policy: Policy) -> bool:
+        """Whether it is infeasible, or has failed too often."""
         outcomes = [trial.outcome for trial in self.trials if not trial.interrupted]
-        return (
-            Outcome.INFEASIBLE in outcomes
-            or outcomes.count(Outcome.OK) >= policy.repeats
-            or outcomes.count(Outcome.FAILED) >= policy.attempts
-        )
+        return Outcome.INFEASIBLE in outcomes or outcomes.count(Outcome.FAILED) >= policy.attempts
 
 
 def _mean(values: Iterable[float | None]) -> float | None:
@@ -210,7 +215,7 @@ def is_for_another(candidate: Candidate, plant: str, plants: Iterable[str]) -> b
         plant: Namespace of the fish that could swim it now.
         plants: Namespaces of all fish that take part.
     """
-    failed_on = {t.plant for t in candidate.trials if t.outcome is Outcome.FAILED and not t.interrupted}
+    failed_on = {trial.plant for trial in candidate.trials if trial.outcome is Outcome.FAILED}
     return plant in failed_on and any(other not in failed_on for other in plants)
 
 
@@ -242,13 +247,7 @@ class Settings:
 
     def differences(self, other: Settings) -> list[str]:
         """Return a text for each setting that differs, its value here first."""
-        here, there = self.flat(), other.flat()
-        names = [*here, *(name for name in there if name not in here)]
-        return [
-            f"{name} is {here.get(name, 'not set')!s} there and {there.get(name, 'not set')!s} here"
-            for name in names
-            if here.get(name) != there.get(name)
-        ]
+        return _differences(self.flat(), other.flat())
 
     def to_json(self) -> str:
         """Return the text of ``study.json``."""
@@ -278,6 +277,15 @@ class Settings:
         except (KeyError, TypeError, ValueError) as error:
             msg = f"it is no study's settings ({type(error).__name__}: {error}); restore it or begin another folder"
             raise StudyError(msg) from error
+
+
+def _differences(there: Mapping[str, object], here: Mapping[str, object]) -> list[str]:
+    """Return a text for each value that differs: ``there`` in the study, and ``here``."""
+    return [
+        f"{name} is {there.get(name, 'not set')!s} there and {here.get(name, 'not set')!s} here"
+        for name in {**there, **here}
+        if there.get(name) != here.get(name)
+    ]
 
 
 def _check_format(version: int) -> None:
@@ -383,7 +391,27 @@ class Study:
         """Return how many candidates need no further trial."""
         return len(self._candidates) - len(self._open)
 
-    def next_candidate(self, search: Search, total: int | None = None) -> tuple[int, Values] | None:
+    def meet(self, fish: Mapping[str, object]) -> list[str]:
+        """Return a text for each property in which a fish differs from the study's, which is the first one met.
+
+        The first one is written into the journal. Scores of two fish cannot be compared.
+
+        Args:
+            fish: What swims and its parameters, apart from the fin; numbers, truth values and texts.
+
+        Raises:
+            StudyError: The disk refused. The journal is as before.
+        """
+        known = self._storage.get_study_user_attrs(self._study_id).get(_FISH)
+        if known is None:
+            with whole_entries(self._journal):
+                self._storage.set_study_user_attr(self._study_id, _FISH, dict(fish))
+            return []
+        return _differences(known, fish)
+
+    def next_candidate(
+        self, search: Search, total: int | None = None, *, passes: Callable[[Candidate], bool] = lambda _: False
+    ) -> tuple[int, Values] | None:
         """Return number and values of the candidate to try next, None if there is none before a trial has ended.
 
         That is the first one that lacks a trial (repeats, failed attempts, an interruption), or else the one that
@@ -392,12 +420,14 @@ class Study:
         Args:
             search: Proposes candidates.
             total: Candidates that the study shall have, None for no end.
+            passes: Whether a candidate that lacks a trial is left to somebody else.
         """
         for number in sorted(self._open):
-            if self._candidates[number].wants_trial(self.settings.policy):
-                return number, self._candidates[number].values
+            candidate = self._candidates[number]
+            if candidate.wants_trial(self.settings.policy) and not passes(candidate):
+                return number, candidate.values
         number = len(self._candidates)
-        if number == total or any(before < search.needed(number) for before in self._open):
+        if (total is not None and number >= total) or any(before < search.needed(number) for before in self._open):
             return None
         return number, self.settings.space.check(search.propose(self.history))
 
@@ -435,7 +465,8 @@ class Study:
         Raises:
             StudyError: The disk refused. The trial is still open in the journal.
         """
-        attributes: dict[str, object] = {"reason": result.reason, "interrupted": result.interrupted}
+        # The reason comes last: a trial that was left open without one counts as interrupted.
+        attributes: dict[str, object] = {"interrupted": result.interrupted, "reason": result.reason}
         values = None
         if result.outcome is Outcome.OK and result.score is not None:
             attributes = {"spread": result.spread, "samples": result.samples}

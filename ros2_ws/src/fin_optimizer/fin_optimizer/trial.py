@@ -51,7 +51,7 @@ class Result:
         spread: m/s, None if unknown.
         cost: Cost of transport in J/m, None if unknown.
         samples: Number of velocities in the score.
-        interrupted: The trial was stopped and says nothing about the fin.
+        interrupted: The trial FAILED for a reason that says nothing about the fin, and is no attempt at it.
 
     Raises:
         ValueError: An OK trial without a finite score, or another one with a score or without a reason.
@@ -124,6 +124,10 @@ class Facts(Protocol):
     @property
     def reset_reply(self) -> Reply | None:
         """Answer to RESET or RECOVER."""
+
+    @property
+    def other_fish(self) -> str | None:
+        """Why the plant's fish is not the one of the study, or empty; None until the plant has told what swims."""
 
     @property
     def tail_angle(self) -> float | None:
@@ -308,15 +312,24 @@ class Trial:
         if phase.action is Action.SET_FIN and facts.fin_reply is not None and not facts.fin_reply.accepted:
             return Result(Outcome.INFEASIBLE, facts.fin_reply.reason or "the plant refused the fin without a reason")
         trouble = self._trouble(phase, facts)
-        # A disk says nothing about the fin: such a trial is no attempt.
-        disk = bool(facts.recorder_failure)
-        return Result(Outcome.FAILED, f"{phase.name}: {trouble}", interrupted=disk) if trouble else None
+        return self._failed(trouble, facts) if trouble else None
+
+    def _failed(self, trouble: str, facts: Facts) -> Result:
+        """Return how the trial FAILED: as an attempt at its fin, unless the reason is none of the fin's."""
+        no_attempt = (
+            self._index <= _FIN_IS_SET
+            or len(facts.plants) > 1
+            or bool(facts.recorder_failure or facts.other_fish or self._changed(facts))
+        )
+        return Result(Outcome.FAILED, f"{self.phase}: {trouble}", interrupted=no_attempt)
 
     def _trouble(self, phase: Phase, facts: Facts) -> str:
         if facts.recorder_failure:
             return facts.recorder_failure
         if self._index > 0 and len(facts.plants) > 1:
             return _no_plant(self, facts)
+        if facts.other_fish:
+            return facts.other_fish
         if self._index > _AT_REST and _is(facts, State.FAULT):
             return _says(self, facts)
         if phase.action is Action.RESET and facts.reset_reply is not None and not facts.reset_reply.accepted:
@@ -347,7 +360,7 @@ class Trial:
         if here - self._spoken_to:  # one that was killed is seen for some seconds more, beside its successor
             topic = self.topic("plant_state")
             reason = f"who publishes topic {topic} now was started after the fin had been set, and does not know it"
-            return Result(Outcome.FAILED, f"{self.phase}: {reason}")
+            return Result(Outcome.FAILED, f"{self.phase}: {reason}", interrupted=True)
         if here:
             self._gone_since = None
             return None
@@ -356,14 +369,14 @@ class Trial:
         if now - self._gone_since <= limit:
             return None
         reason = f"nobody publishes topic {self.topic('plant_state')} any more (waited {limit:g} s)"
-        return Result(Outcome.FAILED, f"{self.phase}: {reason}")
+        return Result(Outcome.FAILED, f"{self.phase}: {reason}", interrupted=True)
 
     def _overdue(self, now: float, facts: Facts) -> Result | None:
         phase = PHASES[self._index]
         limit = self._limit(phase, facts)
         if not limit or now - self._progress_at <= limit:
             return None
-        return Result(Outcome.FAILED, f"{phase.name}: {phase.missing(self, facts)} (waited {limit:g} s)")
+        return self._failed(f"{phase.missing(self, facts)} (waited {limit:g} s)", facts)
 
     def _stopped_swimming(self, facts: Facts) -> Result | None:
         if (
@@ -463,6 +476,7 @@ def _at_start(trial: Trial, facts: Facts) -> bool:
         and trial.was_reset(facts.plant)
         and not _wrong(trial, facts)
         and _is_straight(facts)
+        and facts.other_fish is not None
     )
 
 
@@ -471,6 +485,8 @@ def _is_straight(facts: Facts) -> bool:
 
 
 def _not_at_start(trial: Trial, facts: Facts) -> str:
+    if facts.other_fish is None:
+        return _service(facts, "get_parameters")
     if _is_straight(facts):
         return _fin_not_ready(trial, facts)
     angle = math.degrees(facts.tail_angle or 0.0)
