@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import math
 import os
 import random
 import shutil
@@ -21,7 +22,7 @@ from fin_optimizer.score_bag import score_bag
 from support.bags import START, STATE, STEP, VELOCITY, state, velocity, write_swim
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 
@@ -152,13 +153,19 @@ def test_an_empty_bag_is_repaired_to_an_empty_bag(tmp_path: Path, swim: Path) ->
     assert is_closed(tmp_path / "empty")
 
 
-def test_a_bag_cut_in_its_very_last_bytes_is_repaired_with_every_message(swim: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("zeros", [False, True])
+def test_a_bag_cut_in_its_very_last_bytes_is_repaired_with_every_message(
+    swim: Path, tmp_path: Path, zeros: bool
+) -> None:
     whole = read_bag(swim)
     size = whole.path.stat().st_size
     for length in range(size - 45, size):  # statistics, index, footer, and the eight bytes behind it
         cut = tmp_path / f"cut_{length}" / swim.name
         shutil.copytree(swim, cut)
-        repair = repair_bag(left_open(cut, length))
+        left_open(cut, length)
+        if zeros:
+            os.truncate(cut / whole.path.name, size)
+        repair = repair_bag(cut)
         assert repair is not None
         assert (repair.failure, repair.counts) == ("", whole.counts)
 
@@ -233,3 +240,75 @@ def test_a_bag_that_is_being_repaired_is_not_recorded_to(tmp_path: Path, monkeyp
     with pytest.raises(BagError, match=r"cannot write bag .*trial_0003: Resource temporarily unavailable"):
         BagWriter(tmp_path / "trial_0003", (VELOCITY,), {})
     assert not (tmp_path / "trial_0003").exists()
+
+
+@pytest.fixture
+def cut_off(tmp_path: Path) -> tuple[Path, list[int]]:
+    """A bag whose machine lost its power: its folder, and the length of its file after each second of the swim."""
+    writer = BagWriter(tmp_path / "trial_0005", (VELOCITY, STATE), Measurement().metadata())
+    lengths = []
+    for index in range(401):
+        writer.write(VELOCITY.name, velocity(START + index * STEP, 0.1 + 0.01 * math.sin(index)))
+        if index % 100 == 0:
+            writer.flush()
+            lengths.append(next(writer.path.glob("*.mcap")).stat().st_size)
+    writer._file.close()
+    return writer.path, lengths
+
+
+TAILS: dict[str, Callable[[bytes, int], bytes]] = {
+    "cut": lambda whole, position: whole[:position],
+    "zeros to the end": lambda whole, position: whole[:position] + bytes(len(whole) - position),
+    "zeros to the end and behind it": lambda whole, position: whole[:position] + bytes(len(whole) - position + 5000),
+    "zeros in one block": lambda whole, position: whole[:position] + bytes(100) + whole[position + 100 :],
+}
+
+
+@pytest.mark.parametrize("tail", TAILS)
+def test_a_power_cut_takes_no_more_than_the_last_chunk(
+    cut_off: tuple[Path, list[int]], tmp_path: Path, tail: str
+) -> None:
+    path, lengths = cut_off
+    whole = next(path.glob("*.mcap")).read_bytes()
+    messages = list(read_bag(path).messages("velocity"))
+    start, end = lengths[-2:]
+    assert end == len(whole)
+    counts = []
+    for position in [*range(start + 1, start + 80), *range(start + 80, end - 80, 50), *range(end - 80, end)]:
+        content = TAILS[tail](whole, position)
+        (tmp_path / "cut.mcap").write_bytes(content)
+        bag = read_bag(tmp_path / "cut.mcap")
+        found = list(bag.messages("velocity"))
+        assert found == messages[: len(found)]
+        assert bag.counts == {VELOCITY.name: len(found), STATE.name: 0}
+        counts.append((len(found), bag.whole_bytes))
+    assert counts[0] == (301, start)
+    assert {count for count, _ in counts} == {301, 401}  # of the index behind the chunk nothing is missed
+    next(path.glob("*.mcap")).write_bytes(TAILS[tail](whole, start + 500))
+    repair = repair_bag(path)
+    assert repair is not None
+    lost = len(TAILS[tail](whole, start + 500)) - start
+    assert str(repair).endswith(f"(301 /fish/velocity); its last {lost} bytes could not be read")
+    assert list(read_bag(path).messages("velocity")) == messages[:301]
+
+
+def test_damage_in_the_middle_of_a_bag_is_never_taken_for_its_end(cut_off: tuple[Path, list[int]]) -> None:
+    path, lengths = cut_off
+    file = next(path.glob("*.mcap"))
+    whole = file.read_bytes()
+    middle = (lengths[1] + lengths[2]) // 2
+    file.write_bytes(whole[:middle] + bytes(50) + whole[middle + 50 :])
+    damaged = file.read_bytes()
+    repair = repair_bag(path)
+    assert repair is not None
+    assert "its messages cannot be trusted" in repair.failure
+    assert file.read_bytes() == damaged
+
+
+def test_zeros_anywhere_in_a_closed_bag_are_damage(swim: Path) -> None:
+    file = next(swim.glob("*.mcap"))
+    whole = file.read_bytes()
+    chunk = whole.index(b"zstd")
+    file.write_bytes(whole[: chunk + 20] + bytes(50) + whole[chunk + 70 :])
+    with pytest.raises(BagError, match="its messages cannot be trusted"):
+        read_bag(swim)

@@ -60,6 +60,8 @@ _VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
 _HEADER_TYPE = "std_msgs/msg/Header"
 _STAMP_END = 12  # bytes: 4 of CDR encapsulation, 4 of seconds, 4 of nanoseconds
 _LITTLE_ENDIAN, _BIG_ENDIAN = struct.Struct("<iI"), struct.Struct(">iI")
+_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError)
+"""What reading damaged bytes raises."""
 MAGIC_SIZE = 8
 _RECORD_HEAD = struct.Struct("<BQ")  # an MCAP record's opcode and length
 
@@ -493,7 +495,7 @@ class Bag:
         qos: What the publishers offered, as YAML, by absolute topic name; see `offered`.
         counts: Number of messages by absolute topic name.
         complete: Whether it was closed. If not, the last moments before a kill are missing.
-        whole_bytes: Length of the file up to where a kill cut it off.
+        whole_bytes: Length of the file up to where a kill or a power cut took the rest.
     """
 
     path: Path
@@ -588,7 +590,7 @@ def read_bag(path: Path) -> Bag:
         elif isinstance(record, Channel):
             channels[record.id] = record
             counts.setdefault(record.id, 0)
-    length, complete = _whole_records(file)
+    _, length, complete = _whole_records(file)
     return Bag(
         path=file,
         metadata=metadata,
@@ -661,21 +663,43 @@ def _check_begun(path: Path) -> None:
         raise BagError(msg)
 
 
-def _whole_records(path: Path) -> tuple[int, bool]:
-    """Return the length in bytes of a file's whole records, and whether they end as a closed file does."""
+def _whole_records(path: Path) -> tuple[int, int, bool]:
+    """Return where a file's messages end and where its whole records end, in bytes, and whether it was closed.
+
+    A power cut can leave zeros where data were not yet written, also inside the last chunk of a file that was not
+    closed: its messages end before such a chunk, and otherwise with the last one, whatever its index looks like.
+    """
     size = path.stat().st_size
     end = MAGIC_SIZE
+    chunk = None
     with path.open("rb") as file:
         while end + _RECORD_HEAD.size <= size:
             file.seek(end)
             opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
             after = end + _RECORD_HEAD.size + length
-            if opcode == 0 or after > size:  # a power cut can leave zeros where data were not yet written
-                return end, False
+            if opcode == 0 or after > size:
+                break
+            if opcode == Opcode.CHUNK:
+                chunk = end, after
             end = after
-            if opcode == Opcode.FOOTER and end + MAGIC_SIZE <= size:
-                return end + MAGIC_SIZE, True
-    return end, False
+            file.seek(end)
+            if opcode == Opcode.FOOTER and file.read(MAGIC_SIZE) == MCAP0_MAGIC:
+                return end + MAGIC_SIZE, end + MAGIC_SIZE, True
+        if chunk is None:
+            return end, end, False
+        file.seek(chunk[0])
+        if _is_chunk(file.read(chunk[1] - chunk[0])):
+            return chunk[1], end, False
+    return chunk[0], chunk[0], False
+
+
+def _is_chunk(data: bytes) -> bool:
+    """Whether a chunk is as it was written; one without messages never is."""
+    records = StreamReader(io.BytesIO(data), skip_magic=True, validate_crcs=True).records
+    try:
+        return any(isinstance(record, Message) for record in records)
+    except _DAMAGE:
+        return False
 
 
 def _records(path: Path) -> Iterator[McapRecord]:
@@ -686,7 +710,7 @@ def _records(path: Path) -> Iterator[McapRecord]:
     """
     try:
         _check_begun(path)
-        length, complete = _whole_records(path)
+        length, _, complete = _whole_records(path)
         with path.open("rb") as file:
             content = io.BytesIO(file.read(length))
         try:
@@ -697,6 +721,6 @@ def _records(path: Path) -> Iterator[McapRecord]:
     except OSError as error:
         msg = f"cannot read bag {path}: {error.strerror or error}"
         raise BagError(msg) from error
-    except (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError) as error:
+    except _DAMAGE as error:
         msg = f"bag {path} is damaged: {type(error).__name__} {error}; its messages cannot be trusted"
         raise BagError(msg) from error

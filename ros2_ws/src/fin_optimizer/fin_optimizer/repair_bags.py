@@ -31,7 +31,7 @@ class Repair:
     Attributes:
         path: Folder of the bag.
         counts: Messages by topic that the repaired bag holds; empty if it could not be repaired.
-        lost: Bytes at the end of the original that were no whole chunk any more.
+        lost: Bytes at the end of the original that could not be read any more.
         failure: Why it could not be repaired, or empty. The original is then as it was.
         empty: Nothing had been written to it yet, so it was removed.
         recorded: Another process is writing it, so it was left alone.
@@ -53,7 +53,7 @@ class Repair:
         if self.failure:
             return f"bag {self.path.name} was left open and cannot be repaired: {self.failure}"
         counts = ", ".join(f"{count} {topic}" for topic, count in self.counts.items() if count) or "none"
-        cut = f"; {self.lost} bytes of an unfinished chunk were lost" if self.lost else ""
+        cut = f"; its last {self.lost} bytes could not be read" if self.lost else ""
         return f"bag {self.path.name} was left open: repaired with all messages in it ({counts}){cut}"
 
 
