@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from support.disk import Disk
+
 
 def left_open(path: Path, length: int | None = None) -> Path:
     """Make a bag look as a kill leaves it: cut, without metadata.yaml."""
@@ -138,8 +140,92 @@ def test_a_study_is_repaired_as_a_whole_and_what_cannot_be_is_named(
     assert main([str(study), str(study / "nothing")]) == 2
     out, err = capsys.readouterr()
     assert "bag trial_0008 was left open: repaired" in out
-    assert "bag trial_0009 was left open and cannot be repaired" in err
+    assert f"bag {study}/bags/trial_0009 cannot be repaired: " in err
     assert "nothing holds no bag" in err
+
+
+def make_conflicted(path: Path) -> None:
+    next(path.glob("*.mcap")).with_name("x (conflicted copy).mcap").write_bytes(b"")
+
+
+def make_dangling(path: Path) -> None:
+    file = next(path.glob("*.mcap"))
+    file.unlink()
+    file.symlink_to("nowhere.mcap")
+
+
+def make_a_folder(path: Path) -> None:
+    file = next(path.glob("*.mcap"))
+    file.unlink()
+    file.mkdir()
+
+
+ODD = {"2 MCAP files": make_conflicted, "No such file or directory": make_dangling, "Is a directory": make_a_folder}
+
+
+@pytest.mark.parametrize("reason", ODD)
+def test_an_odd_bag_is_named_and_all_others_are_repaired(
+    swim: Path, capsys: pytest.CaptureFixture[str], reason: str
+) -> None:
+    bags = swim.parent
+    odd = write_swim(bags / "trial_0006")
+    ODD[reason](odd)
+    left_open(write_swim(bags / "trial_0005"))
+    left_open(swim)
+    assert main([str(bags.parent)]) == 2
+    out, err = capsys.readouterr()
+    assert err.startswith(f"bag {odd} cannot be repaired: ")
+    assert reason in err
+    assert err.count("\n") == 1
+    assert out.count("was left open: repaired with all messages") == 2
+    assert is_closed(bags / "trial_0005")
+    assert is_closed(swim)
+    (again,) = repair_bags(bags.parent, or_nothing=True)
+    assert reason in again.failure
+
+
+def test_on_a_read_only_disk_every_bag_that_was_left_open_is_named(
+    disk: Disk, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name, length in (("trial_0001", 8), ("trial_0002", None)):
+        left_open(write_swim(disk.path / "bags" / name), length)
+    write_swim(disk.path / "bags" / "trial_0003")
+    disk.mount("-o", "remount,ro")
+    assert main([str(disk.path)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(" cannot ")[0] for line in lines] == [f"bag {disk.path}/bags/trial_000{n}" for n in (1, 2)]
+    assert all("Read-only file system" in line for line in lines)
+
+
+@pytest.mark.parametrize("metadata", [{}, {"trial.number": "3"}])
+def test_a_bag_with_messages_or_metadata_is_never_called_empty(tmp_path: Path, metadata: dict[str, str]) -> None:
+    with BagWriter(tmp_path / "bag", (VELOCITY,), metadata) as writer:
+        for index in range(0 if metadata else 300):
+            writer.write(VELOCITY.name, velocity(START + index * STEP, 0.1))
+    repair = repair_bag(left_open(tmp_path / "bag"))
+    assert repair is not None
+    assert (repair.failure, repair.counts) == ("", {VELOCITY.name: 0 if metadata else 300})
+    assert read_bag(tmp_path / "bag").metadata == metadata
+
+
+def test_a_bag_without_messages_and_metadata_may_be_deleted(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", (VELOCITY,), {}):
+        pass
+    repair = repair_bag(left_open(tmp_path / "bag"))
+    assert repair is not None
+    assert "was cut off before anything was written: delete it" in repair.failure
+
+
+def test_a_repaired_bag_keeps_the_name_of_its_file(swim: Path) -> None:
+    _, whole = score_bag(swim)
+    left_open(swim)
+    next(swim.glob("*.mcap")).rename(swim / "swim.mcap")
+    repair = repair_bag(swim)
+    assert repair is not None
+    assert repair.failure == ""
+    assert sorted(path.name for path in swim.iterdir()) == ["metadata.yaml", "swim.mcap"]
+    with Reader(swim) as reader:
+        assert {c.topic: c.msgcount for c in reader.connections} == whole.counts
 
 
 def test_an_empty_bag_is_repaired_to_an_empty_bag(tmp_path: Path, swim: Path) -> None:

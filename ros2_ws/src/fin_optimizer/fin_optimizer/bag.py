@@ -201,6 +201,7 @@ class BagWriter:
         newest_stamp_ns: Time in ns that the plant had reached before, for messages without a header that come
             before the first one with a header.
         minimum_free: Bytes that must stay free on the disk, looked at now and at each flush.
+        file_name: Of its MCAP file; as rosbag2 names it if left out.
 
     Raises:
         BagError: The folder exists, cannot be made, a message type is not known, or the disk is too full.
@@ -214,8 +215,10 @@ class BagWriter:
         *,
         newest_stamp_ns: int | None = None,
         minimum_free: float = 0.0,
+        file_name: str = "",
     ) -> None:
         self.path = path
+        self._file_name = file_name or f"{path.name}_0.mcap"
         self._minimum_free = minimum_free
         self._topics = {topic.name: topic for topic in topics}
         self._metadata = dict(metadata)
@@ -230,7 +233,7 @@ class BagWriter:
         self._check_free()
         with self._failing("make"):
             path.mkdir(parents=True)
-            self._file = (path / f"{path.name}_0.mcap").open("xb")
+            self._file = (path / self._file_name).open("xb")
         self._mcap = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
         self._flushed_at = time.monotonic()
         try:
@@ -257,7 +260,7 @@ class BagWriter:
         """Remove the bag that could not be started, so that its name is free again."""
         self._release()
         with suppress(OSError):
-            (self.path / f"{self.path.name}_0.mcap").unlink()
+            (self.path / self._file_name).unlink()
             self.path.rmdir()
 
     def _start(self) -> dict[str, int]:
@@ -405,7 +408,6 @@ class BagWriter:
             "starting_time": {"nanoseconds_since_epoch": summary.start_ns},
             "message_count": summary.message_count,
         }
-        file_name = f"{self.path.name}_0.mcap"
         return {
             "version": BAG_VERSION,
             "storage_identifier": "mcap",
@@ -413,8 +415,8 @@ class BagWriter:
             "topics_with_message_count": topics,
             "compression_format": "",
             "compression_mode": "",
-            "relative_file_paths": [file_name],
-            "files": [{"path": file_name, **extent}],
+            "relative_file_paths": [self._file_name],
+            "files": [{"path": self._file_name, **extent}],
             "custom_data": dict(self._metadata),
             "ros_distro": ROS_DISTRIBUTION,
         }

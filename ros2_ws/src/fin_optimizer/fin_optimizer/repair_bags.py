@@ -51,7 +51,7 @@ class Repair:
         if self.empty:
             return f"bag {self.path.name} was left open before anything was written to it: removed"
         if self.failure:
-            return f"bag {self.path.name} was left open and cannot be repaired: {self.failure}"
+            return f"bag {self.path} cannot be repaired: {self.failure}"
         counts = ", ".join(f"{count} {topic}" for topic, count in self.counts.items() if count) or "none"
         cut = f"; its last {self.lost} bytes could not be read" if self.lost else ""
         return f"bag {self.path.name} was left open: repaired with all messages in it ({counts}){cut}"
@@ -63,9 +63,9 @@ def repair_bag(path: Path) -> Repair | None:
     Args:
         path: Folder of the bag.
     """
-    if is_closed(path):
-        return None
     try:
+        if is_closed(path):
+            return None
         with mcap_file(path).open("r+b") as file:  # a network's file system locks only what can be written
             lock(file)
             if _holds_nothing(path):
@@ -74,8 +74,10 @@ def repair_bag(path: Path) -> Repair | None:
             return _repaired(path, read_bag(path))
     except BlockingIOError:
         return Repair(path, {}, 0, recorded=True)
-    except (BagError, OSError) as error:
+    except BagError as error:
         return Repair(path, {}, 0, str(error))
+    except OSError as error:
+        return Repair(path, {}, 0, error.strerror or str(error))
 
 
 def _holds_nothing(path: Path) -> bool:
@@ -86,15 +88,14 @@ def _holds_nothing(path: Path) -> bool:
 
 
 def _repaired(path: Path, original: Bag) -> Repair:
-    work = path / _WORK_FOLDER
-    shutil.rmtree(work, ignore_errors=True)  # an earlier repair that was itself cut short
-    copy = work / original.path.stem.removesuffix("_0")
-    if not original.metadata:
+    copy = path / _WORK_FOLDER
+    shutil.rmtree(copy, ignore_errors=True)  # an earlier repair that was itself cut short
+    if not original.metadata and not any(original.counts.values()):
         msg = f"bag {path} was cut off before anything was written: delete it"
         raise BagError(msg)
     topics = [BagTopic(name, type_name, original.offered(name)) for name, type_name in original.topics.items()]
     try:
-        with BagWriter(copy, topics, original.metadata) as writer:
+        with BagWriter(copy, topics, original.metadata, file_name=original.path.name) as writer:
             for message in original.messages(*original.topics):
                 writer.copy(message[0], message[2], message[1])
         _verify(original, read_bag(copy))
@@ -103,7 +104,7 @@ def _repaired(path: Path, original: Bag) -> Repair:
         mcap_file(copy).replace(original.path)
         (copy / "metadata.yaml").replace(path / "metadata.yaml")
     finally:
-        shutil.rmtree(work, ignore_errors=True)
+        shutil.rmtree(copy, ignore_errors=True)
     return Repair(path, original.counts, size - original.whole_bytes)
 
 
