@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import optuna
 import pytest
+from optuna.visualization import matplotlib as plots
 
 from fin_optimizer.journal import StudyError
 from fin_optimizer.search import Dimension, HillClimber, Space
@@ -294,6 +295,22 @@ def test_the_first_fish_met_is_the_studys_and_another_one_is_named(folder: Path)
     assert again.meet(fish | {"body.mass": 1.0}) == ["body.mass is 0.30000000000000004 there and 1.0 here"]
     assert again.meet({"plant": "robot"})[0] == "plant is simulator there and robot here"
     assert again.meet(fish) == [], "the study's fish stays the one it was"
+
+
+@pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
+def test_optunas_own_plots_work_on_the_journal(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    study.meet({"plant": "simulator", "peduncle.length": [0.1, 0.2]})
+    for result in (None, FAILED, None, INFEASIBLE, None):
+        swim(study, result)
+    backend = optuna.storages.journal.JournalFileBackend(str(folder / JOURNAL_FILE))
+    ledger = optuna.load_study(study_name=None, storage=optuna.storages.JournalStorage(backend))
+    history = plots.plot_optimization_history(ledger)
+    scored = [trial.score for trial in study.trials if trial.score is not None]
+    assert [float(y) for _, y in history.collections[0].get_offsets()] == scored
+    slices = plots.plot_slice(ledger)
+    assert slices.get_xlabel() == MODULUS
+    plots.plot_timeline(ledger)
 
 
 def test_repeats_of_a_fin_are_averaged(folder: Path) -> None:
