@@ -8,6 +8,7 @@ import math
 import os
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import optuna
 import pytest
 from optuna.visualization import matplotlib as plots
@@ -307,8 +308,8 @@ def test_optunas_own_plots_work_on_the_journal(folder: Path) -> None:
     ledger = optuna.load_study(study_name=None, storage=optuna.storages.JournalStorage(backend))
     history = plots.plot_optimization_history(ledger)
     scored = [trial.score for trial in study.trials if trial.score is not None]
-    assert [float(y) for _, y in history.collections[0].get_offsets()] == scored
-    slices = plots.plot_slice(ledger)
+    assert np.asarray(history.collections[0].get_offsets())[:, 1].tolist() == scored
+    slices: Any = plots.plot_slice(ledger)
     assert slices.get_xlabel() == MODULUS
     plots.plot_timeline(ledger)
 
