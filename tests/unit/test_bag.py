@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
@@ -361,6 +363,16 @@ def test_what_is_no_bag_is_said_so(tmp_path: Path, trial: Path) -> None:
         list(read_bag(trial).messages("pose"))
 
 
+def test_a_topic_without_a_message_type_is_no_topic_of_a_trial(tmp_path: Path) -> None:
+    with (tmp_path / "foreign.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_message(writer.register_channel("/a", "json", 0), 1, b"{}", 1)
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(BagError, match=r"foreign\.mcap: topic /a has no message type: ROS 2 did not record it"):
+        read_bag(tmp_path / "foreign.mcap")
+
+
 # score_bag
 
 
@@ -392,6 +404,14 @@ def test_what_is_not_one_swim_of_the_bags_own_fin_is_not_scored(
     said = [decode(state(name, stamp, fin__young_modulus=modulus), STATE.type_name) for name, stamp, modulus in states]
     with pytest.raises(ScoreError, match=re.escape(reason)):
         start_of_swim(said, {"fin.young_modulus": "2.0e9"})
+
+
+@pytest.mark.parametrize("stamp", [[], ["soon"]])
+def test_a_swim_that_does_not_say_when_it_started_is_not_scored(stamp: list[str]) -> None:
+    said = decode(state("SWIMMING", START), STATE.type_name)
+    said.values = [replace(item, value=value) for item, value in zip(said.values, stamp, strict=False)]
+    with pytest.raises(ScoreError, match=r"plant_state SWIMMING has stamp_ns = .*, needed is the plant's time in ns"):
+        start_of_swim([said], {})
 
 
 def test_a_state_said_again_during_a_swim_is_the_same_swim() -> None:

@@ -590,6 +590,9 @@ def read_bag(path: Path) -> Bag:
         elif isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
+            if record.schema_id not in schemas:
+                msg = f"bag {file}: topic {record.topic} has no message type: ROS 2 did not record it"
+                raise BagError(msg)
             channels[record.id] = record
             counts.setdefault(record.id, 0)
     _, length, complete = _whole_records(file)

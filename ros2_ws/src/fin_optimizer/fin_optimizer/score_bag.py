@@ -39,7 +39,7 @@ def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
         metadata: Of its bag; the entries ``fin.*`` tell which fin it is about.
 
     Raises:
-        ScoreError: The plant started to swim never, more than once, or with another fin.
+        ScoreError: The plant started to swim never, more than once, with another fin, or did not say when.
     """
     fin = {name: value for name, value in metadata.items() if name.startswith(_FIN)}
     starts = set()
@@ -51,7 +51,12 @@ def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
             words = ", ".join(f"{name} = {said[name]} instead of {fin[name]}" for name in differs)
             msg = f"the fish swam with {words}: it is another fin's swim"
             raise ScoreError(msg)
-        starts.add(int(said[_STAMP_KEY]))
+        try:
+            starts.add(int(said.get(_STAMP_KEY, "")))
+        except ValueError:
+            stamp = said.get(_STAMP_KEY)
+            msg = f"plant_state SWIMMING has {_STAMP_KEY} = {stamp!r}, needed is the plant's time in ns at its start"
+            raise ScoreError(msg) from None
     if len(starts) != 1:
         msg = f"plant_state tells {len(starts)} starts of a swim, needed is one: the bag holds no whole trial"
         raise ScoreError(msg)
@@ -63,7 +68,7 @@ def swimming_since(bag: Bag) -> int:
 
     Raises:
         BagError: The bag has no ``plant_state``, or is damaged.
-        ScoreError: The plant started to swim never, more than once, or with another fin.
+        ScoreError: As `start_of_swim` says.
     """
     return start_of_swim((message for _, message in bag.decoded("plant_state")), bag.metadata)
 
