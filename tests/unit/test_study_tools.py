@@ -5,25 +5,29 @@ from __future__ import annotations
 import csv
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
 from fin_optimizer import export, score_bag, show_study
+from fin_optimizer.bag import BagTopic, BagWriter, message_types, velocity_samples
 from fin_optimizer.cma import CmaEs
 from fin_optimizer.generations import OneByOne
 from fin_optimizer.genetic import GeneticAlgorithm
 from fin_optimizer.journal import StudyError
+from fin_optimizer.score import Measurement
 from fin_optimizer.search import Dimension, HillClimber, Space
 from fin_optimizer.study import Objective, Policy, Settings, Study, front, read_trials
 from fin_optimizer.throughput import throughput
 from fin_optimizer.trial import Outcome, Result
-from support.bags import write_swim
+from support.bags import SECOND, START, STATE, STEP, VELOCITY, quality, state, velocity, write_swim
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,6 +44,18 @@ SEARCHES: dict[str, Callable[[], Search]] = {
     "genetic": lambda: OneByOne(GeneticAlgorithm(SPACE, 7, DEVIATIONS, population=6)),
     "CMA-ES": lambda: OneByOne(CmaEs(SPACE, 7, population=6)),
 }
+
+
+JOINTS = BagTopic("/fish/joint_states", "sensor_msgs/msg/JointState", quality())
+
+
+def joint_states(stamp: int, torque: float, rate: float) -> bytes:
+    """Return a serialised JointState of a tail with one servo."""
+    types = message_types().types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND)), "")
+    numbers = (np.array([value]) for value in (0.1, rate, torque))
+    message = types[JOINTS.type_name](header, ["tail_joint_1"], *numbers)
+    return bytes(message_types().serialize_cdr(message, JOINTS.type_name))
 
 
 def outcome(number: int, values: dict[str, float], *, with_cost: bool = False) -> Result:
@@ -209,13 +225,15 @@ def resumed(tmp_path: Path) -> Path:
     """Return the folder of a study whose second of three trials was interrupted, each with its bag."""
     with Study.create(tmp_path / "resumed", Settings(SPACE)) as begun:
         stopped = Result(Outcome.FAILED, "interrupted in phase 'measure': Ctrl-C", interrupted=True)
-        for result in (Result(Outcome.OK, score=0.01), stopped, Result(Outcome.OK, score=0.02)):
+        for interrupted in (False, True, False):
             following = begun.next_candidate(SEARCHES["hill climber"]())
             assert following is not None
             record = begun.start(begun.propose(*following, "/fish").number)
-            begun.finish(record.number, result)
             bag = write_swim(tmp_path / "resumed" / record.bag)
-            if result is stopped:
+            scored = score_bag.score_bag(bag)[0]
+            ok = Result(Outcome.OK, score=scored.value, spread=scored.spread, samples=scored.samples)
+            begun.finish(record.number, stopped if interrupted else ok)
+            if interrupted:
                 (file,) = bag.glob("*.mcap")
                 file.write_bytes(file.read_bytes()[:3000])
     return tmp_path / "resumed"
@@ -235,6 +253,81 @@ def test_a_resumed_study_is_scored_without_its_interrupted_trial(
     (resumed / "journal.log").write_text("{}\n")
     assert score_bag.main([str(resumed)]) == 2
     assert f": every bag of {resumed} is scored\nerror: {bags[1]}: " in capsys.readouterr().err
+
+
+def test_an_ok_trial_without_its_bag_is_an_error(resumed: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bags = [resumed / trial.bag for trial in read_trials(resumed)]
+    shutil.rmtree(bags[2])
+    (bags[0] / f"{bags[0].name}_0.mcap").unlink()
+    write_swim(resumed / "bags" / "of another day")
+    assert score_bag.main([str(resumed)]) == 2
+    shown = capsys.readouterr()
+    assert [line for line in shown.err.splitlines() if line.startswith("error")] == [
+        f"error: {bags[number]}: trial {number} is OK, but its bag is missing" for number in (0, 2)
+    ]
+    assert shown.out.endswith(f" {resumed}/bags/of another day\n")
+    assert shown.out.count("\n") == 1
+
+
+def test_a_bag_that_does_not_give_the_journals_score_is_an_error(
+    resumed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trials = read_trials(resumed)
+    value = trials[2].score
+    assert value is not None
+    journal = (resumed / "journal.log").read_text()
+    changed = math.nextafter(value, 1.0)
+    assert journal.count(repr(value)) == 2
+    head, _, tail = journal.rpartition(repr(value))
+    (resumed / "journal.log").write_text(head + repr(changed) + tail)
+    assert score_bag.main([str(resumed)]) == 2
+    shown = capsys.readouterr()
+    assert shown.out.count("\n") == 2
+    (error,) = (line for line in shown.err.splitlines() if line.startswith("error"))
+    assert error.startswith(f"error: {resumed / trials[2].bag}: speed (m/s) is {value!r} from the bag")
+    assert f"and {changed!r} in journal.log" in error
+
+
+@pytest.fixture
+def with_cost(tmp_path: Path) -> Path:
+    """Return the folder of a study that looks for speed and cost of transport, with one trial."""
+    measurement = Measurement(duration=2.0)
+    settings = Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)
+    metadata = {f"study.{name}": str(value) for name, value in settings.flat().items()}
+    velocities = [velocity(START + index * STEP, 0.1 + 0.01 * math.sin(index)) for index in range(201)]
+    joints = [joint_states(START + index * STEP, 2.0 + math.cos(index), math.sin(index) ** 2) for index in range(201)]
+    with Study.create(tmp_path / "study", settings) as study:
+        record = study.start(study.propose(0, {MODULUS: 1e9, LENGTH: 0.08}).number)
+        bag = tmp_path / "study" / record.bag
+        with BagWriter(bag, (VELOCITY, STATE, JOINTS), metadata | measurement.metadata()) as writer:
+            writer.write(STATE.name, state("SWIMMING", START))
+            for speed, joint in zip(velocities, joints, strict=True):
+                writer.write(VELOCITY.name, speed)
+                writer.write(JOINTS.name, joint)
+        samples = velocity_samples(velocities)
+        scored, cost = score_bag.scored_swim(samples, joints, measurement.window(START), measurement)
+        study.finish(record.number, Result(Outcome.OK, score=scored.value, spread=scored.spread, cost=cost, samples=1))
+    return tmp_path / "study"
+
+
+def test_the_cost_of_transport_of_a_study_about_it_is_that_of_the_live_trial(
+    with_cost: Path, resumed: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (trial,) = read_trials(with_cost)
+    assert score_bag.main([str(with_cost), str(with_cost / trial.bag)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [f"{trial.score!r} {trial.spread!r} {trial.cost!r} {with_cost / trial.bag}"] * 2
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    assert score_bag.main([str(with_cost), str(resumed)]) == 0
+    heads = [line.split() for line in capsys.readouterr().out.splitlines() if line.endswith(" bag")]
+    assert [" ".join(words) for words in heads] == [
+        "speed (m/s) spread (m/s) cost of transport (J/m) bag",
+        "speed (m/s) spread (m/s) bag",
+    ]
+    journal = (with_cost / "journal.log").read_text()
+    (with_cost / "journal.log").write_text(journal.replace(repr(trial.cost), "0.5"))
+    assert score_bag.main([str(with_cost)]) == 2
+    assert f"cost of transport (J/m) is {trial.cost!r} from the bag and 0.5 in journal.log" in capsys.readouterr().err
 
 
 def test_scores_have_a_header_for_a_person_only(

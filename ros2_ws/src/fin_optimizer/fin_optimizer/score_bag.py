@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,9 +23,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fin_optimizer.bag import Bag
+    from fin_optimizer.study import TrialRecord
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
 _JOURNAL_FILE = "journal.log"  # as fin_optimizer.study names it, which needs Optuna
+_OBJECTIVE_KEY, _OBJECTIVE_WITH_COST = "study.objective", "speed_and_cost_of_transport"  # likewise
+_SPEED, _SPREAD, _COST = "speed (m/s)", "spread (m/s)", "cost of transport (J/m)"
 _FIN = "fin."
 _JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
 _DRIVEN = "tail_joint"
@@ -132,9 +136,7 @@ def score_bag(path: Path) -> tuple[Score, Bag]:
         ScoreError: Its samples give no score.
     """
     bag = read_bag(path)
-    measurement = Measurement.from_metadata(bag.metadata)
-    window = measurement.window(swimming_since(bag))
-    return score(*bag.velocity(), window, block=measurement.block), bag
+    return _scored(bag, with_cost=False)[0], bag
 
 
 def cost_of_transport(bag: Bag) -> float | None:
@@ -144,77 +146,125 @@ def cost_of_transport(bag: Bag) -> float | None:
         BagError: It lacks a topic, or is damaged.
         ScoreError: Its samples give no score, or no power.
     """
+    return _scored(bag, with_cost=True)[1]
+
+
+def _scored(bag: Bag, *, with_cost: bool) -> tuple[Score, float | None]:
     measurement = Measurement.from_metadata(bag.metadata)
-    joints = [data for _, _, data in bag.messages("joint_states")]
-    return scored_swim(bag.velocity(), joints, measurement.window(swimming_since(bag)), measurement)[1]
+    window = measurement.window(swimming_since(bag))
+    joints = [data for _, _, data in bag.messages("joint_states")] if with_cost else None
+    return scored_swim(bag.velocity(), joints, window, measurement)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the score of each bag; return 0, or 2 if one has none that should have one.
 
-    Of a study, the bags of trials without a score are told and left out.
+    Of a study, the bags of trials without a score are told and left out, and the other scores must be the journal's.
     """
     if arguments is None:
         end_with_the_reader()
     parser = argparse.ArgumentParser(
         prog="score_bag",
-        description="Print one line a recorded trial: mean forward speed (m/s), its spread (m/s), bag.",
+        description="Print one line a recorded trial: mean forward speed (m/s), its spread (m/s), in a study of it "
+        "the cost of transport (J/m), and the bag.",
     )
     parser.add_argument(
         "paths", nargs="+", type=Path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
     )
     failed = False
-    paths = parser.parse_args(arguments).paths
-    if sys.stdout.isatty():  # a program that reads the numbers knows what they are
-        sys.stdout.write(f"{'speed (m/s)':<20} {'spread (m/s)':<20} bag\n")
-    for given in paths:
+    heads: list[str] = []
+    for given in parser.parse_args(arguments).paths:
         try:
-            bags = list(bag_folders(given)) if given.is_dir() else [given]
+            wanted = _wanted(given)
         except BagError as error:
-            sys.stderr.write(f"error: {error}\n")
-            failed = True
+            failed = _tell(f"{error}")
             continue
-        unscored = _trials_without_score(given)
-        for path in bags:
-            if path in unscored:
-                sys.stderr.write(f"note: {path}: {unscored[path]}\n")
-            else:
-                failed = not _print_score(path) or failed
+        for path, trial in wanted:
+            try:
+                numbers = _numbers(path, trial)
+            except (BagError, ScoreError) as error:
+                failed = _tell(f"{path}: {error}")
+                continue
+            if sys.stdout.isatty() and heads != [*numbers]:  # a program that reads the numbers knows what they are
+                heads = [*numbers]
+                sys.stdout.write(f"{' '.join(f'{head:<20}' for head in heads)} bag\n")
+            sys.stdout.write(f"{' '.join(map(repr, numbers.values()))} {path}\n")
+            if trial is not None and (difference := _difference(numbers, trial)):
+                failed = _tell(f"{path}: {difference}")
     return 2 if failed else 0
 
 
-def _trials_without_score(path: Path) -> dict[Path, str]:
-    """Return what the journal of a study says of each bag whose trial is not OK; nothing if the path is no study."""
+def _tell(error: str) -> bool:
+    sys.stderr.write(f"error: {error}\n")
+    return True
+
+
+def _wanted(path: Path) -> list[tuple[Path, TrialRecord | None]]:
+    """Return the bags to score, those of a study with their trials; tell those that need no score.
+
+    Raises:
+        BagError: There is none.
+    """
+    bags = list(bag_folders(path)) if path.is_dir() else [path]
+    trials = _trials(path)  # after the bags: of each bag of a study that is under way the journal has the trial
+    scored = [bag for bag, trial in trials.items() if trial.score is not None]
+    wanted = []
+    for bag in sorted({*bags, *scored}):
+        trial = trials.get(bag)
+        if trial is None or trial.score is not None:
+            wanted.append((bag, trial))
+        else:
+            because = f" ({trial.reason})" if trial.reason else ""
+            sys.stderr.write(f"note: {bag}: trial {trial.number} is {trial.outcome.value}{because}\n")
+    return wanted
+
+
+def _trials(path: Path) -> dict[Path, TrialRecord]:
+    """Return the trials of a study by their bags; nothing if the path is no study."""
     if not (path / _JOURNAL_FILE).exists():
         return {}
     # Optuna takes a third of a second, which only a study's scores spend.
     from fin_optimizer.study import read_trials  # noqa: PLC0415
-    from fin_optimizer.trial import Outcome  # noqa: PLC0415
 
     try:
-        trials = read_trials(path)
+        return {path / trial.bag: trial for trial in read_trials(path)}
     except (StudyError, OSError) as error:
         sys.stderr.write(f"note: {error}: every bag of {path} is scored\n")
         return {}
-    found = {}
-    for trial in trials:
-        if trial.outcome is not Outcome.OK:
-            because = f" ({trial.reason})" if trial.reason else ""
-            found[path / trial.bag] = f"trial {trial.number} is {trial.outcome.value}{because}"
-    return found
 
 
-def _print_score(path: Path) -> bool:
-    try:
-        result, bag = score_bag(path)
-    except (BagError, ScoreError) as error:
-        sys.stderr.write(f"error: {path}: {error}\n")
-        return False
+def _numbers(path: Path, trial: TrialRecord | None) -> dict[str, float]:
+    """Return what a bag's trial achieved, by name and unit.
+
+    Args:
+        path: The bag.
+        trial: Its OK trial, if it is known.
+
+    Raises:
+        BagError: There is no bag, it lacks a topic, or it is damaged.
+        ScoreError: Its samples give no score.
+    """
+    if trial is not None and not any(path.glob("*.mcap")):
+        msg = f"trial {trial.number} is OK, but its bag is missing"
+        raise BagError(msg)
+    bag = read_bag(path)
+    with_cost = bag.metadata.get(_OBJECTIVE_KEY) == _OBJECTIVE_WITH_COST
+    result, cost = _scored(bag, with_cost=with_cost)
     if not bag.complete:
         count = sum(bag.counts.values())
         sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")
-    sys.stdout.write(f"{result.value!r} {result.spread!r} {path}\n")
-    return True
+    numbers = {_SPEED: result.value, _SPREAD: result.spread}
+    return numbers | {_COST: math.nan if cost is None else cost} if with_cost else numbers
+
+
+def _difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
+    """Return which of a bag's numbers is not the one that its study has, or an empty text."""
+    known = {_SPEED: trial.score, _SPREAD: trial.spread, _COST: trial.cost}
+    differs = [name for name, value in numbers.items() if known[name] is not None and known[name] != value]
+    said = ", ".join(
+        f"{name} is {numbers[name]!r} from the bag and {known[name]!r} in {_JOURNAL_FILE}" for name in differs
+    )
+    return said and f"{said}: one of them was changed, or another version scored it"
 
 
 if __name__ == "__main__":
