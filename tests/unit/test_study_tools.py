@@ -220,6 +220,15 @@ def test_a_study_is_shown_best_first_with_its_spread_and_what_failed(
     assert "0002 0003 0004" in lines[0]
 
 
+def test_a_reason_is_shown_as_it_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    reason = "the stock [/dev/shelf] is empty, choose [bold] or [acetal]\\"
+    with Study.create(tmp_path / "study", Settings(SPACE)) as begun:
+        begun.start(begun.propose(0, {MODULUS: 1e9, LENGTH: 0.08}).number)
+        begun.finish(0, Result(Outcome.INFEASIBLE, reason))
+    assert show_study.main([str(tmp_path / "study")]) == 0
+    assert reason in capsys.readouterr().out
+
+
 @pytest.fixture
 def resumed(tmp_path: Path) -> Path:
     """Return the folder of a study whose second of three trials was interrupted, each with its bag."""

@@ -36,6 +36,7 @@ def study_table(settings: Settings, trials: Sequence[TrialRecord], limit: int | 
         limit: Rows at most, None for all.
     """
     from rich.table import Table  # noqa: PLC0415  (a tenth of a second, which only the terminal's user spends)
+    from rich.text import Text  # noqa: PLC0415
 
     tried = candidates(trials)
     with_cost = settings.objective is Objective.SPEED_AND_COST
@@ -55,7 +56,8 @@ def study_table(settings: Settings, trials: Sequence[TrialRecord], limit: int | 
         if with_cost:
             row.insert(3, "" if candidate.cost is None else f"{candidate.cost:.4g}")
         style = "bold green" if rank == 1 and candidate.score is not None else None
-        table.add_row(str(rank) if candidate.score is not None else "", *row, style=style)
+        row.insert(0, str(rank) if candidate.score is not None else "")
+        table.add_row(*map(Text, row), style=style)  # what stands in brackets is no markup
     if limit is not None and len(ranked) > limit:
         table.caption = f"{len(ranked) - limit} more: see --all"
     return table
