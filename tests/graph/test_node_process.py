@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 import pytest
+from std_msgs.msg import Float64MultiArray
+
+from fin_plant.gait import PAPER_GAIT
+from support.plant_client import PlantClient
+from support.processes import executable_path
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 pytestmark = pytest.mark.graph
 DEFECT = """
@@ -24,6 +35,57 @@ def test_a_defect_ends_the_process_with_its_traceback_and_exit_code_1(ros_domain
     ended = subprocess.run([sys.executable, "-c", DEFECT], capture_output=True, text=True, timeout=60, check=False)
     assert ended.returncode == 1
     assert "TypeError: a defect" in ended.stderr
+
+
+DEFECT_AT_THE_END = """
+import rclpy
+from fin_sim import simulator
+
+def defect(self):
+    raise TypeError("a defect")
+
+simulator.Simulator.finished = lambda self: 0
+simulator.Simulator.close = defect
+try:
+    simulator.main(["--ros-args"])
+finally:
+    print("ROS is", "up" if rclpy.ok() else "down")
+"""
+
+
+def test_a_defect_while_it_closes_still_shuts_everything_down(ros_domain: int) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", DEFECT_AT_THE_END], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert ended.returncode == 1
+    assert "TypeError: a defect" in ended.stderr
+    assert ended.stdout == "ROS is down\n"
+
+
+@pytest.mark.parametrize(("arguments", "code"), [("'--help'", 0), ("'--ros-args', '-p', 'speed:=-1.0'", 2)])
+def test_a_full_disk_does_not_change_the_exit_code(ros_domain: int, arguments: str, code: int) -> None:
+    script = f"import sys; from fin_sim import simulator; sys.argv[1:] = [{arguments}]; sys.exit(simulator.main())"
+    with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
+        ended = subprocess.run([sys.executable, "-c", script], stdout=full, stderr=full, timeout=60, check=False)
+    assert ended.returncode == code
+
+
+def test_a_node_goes_on_and_logs_to_its_file_where_nobody_reads_its_errors(ros_domain: int, tmp_path: Path) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    environment = os.environ | {"ROS_LOG_DIR": str(tmp_path)}
+    node = subprocess.Popen([executable_path("fin_sim", "simulator")], stdout=writer, stderr=writer, env=environment)
+    os.close(writer)
+    try:
+        with PlantClient(ros_domain) as client:
+            client.publish_gait(Float64MultiArray(data=[1.0]))
+            client.wait_until(lambda: "gait refused" in "".join(log.read_text() for log in tmp_path.iterdir()), "a log")
+            client.swim(PAPER_GAIT, 0.2)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(15) == 130
+    finally:
+        node.kill()
+        node.wait()
 
 
 THREADS = """

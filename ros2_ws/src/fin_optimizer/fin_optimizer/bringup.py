@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer import graph
+from fin_plant.output import outlast_the_reader
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -148,7 +149,8 @@ class Bringup:
         self._waker = waker
         signal.set_wakeup_fd(waker.fileno(), warn_on_full_buffer=False)
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, self._note)
+            if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as under `nohup`
+                signal.signal(number, self._note)
         self._selector.register(woken, selectors.EVENT_READ, woken)
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
@@ -223,7 +225,11 @@ class Bringup:
                 self._selector.unregister(key.fileobj)
 
     def close(self) -> None:
-        """Leave no process behind."""
+        """End what still runs, as at the end of a study, and leave no process behind.
+
+        If that fails too, no process is killed: each one's own SIGTERM comes when this process is gone.
+        """
+        self._end_children(self.children)
         for child in self.children:
             child.close()
         signal.set_wakeup_fd(-1)
@@ -265,6 +271,7 @@ def usage() -> str:
 
 def main() -> int:
     """Run the command."""
+    outlast_the_reader()
     words = sys.argv[1:]
     if {"-h", "--help"} & set(words):
         sys.stdout.write(usage() + "\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sys
@@ -15,6 +16,8 @@ from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from threadpoolctl import threadpool_limits
+
+from fin_plant.output import outlast_the_reader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -83,6 +86,7 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
         The node's own exit code, 128 + signal after SIGINT (130), SIGTERM (143) or SIGHUP (129, its terminal was
         closed), 2 for a start value that is refused (its message goes to stderr).
     """
+    outlast_the_reader()
     if args is None and (asked := _refuse_words(*remove_ros_args(sys.argv))) is not None:
         return asked
     # The matrices here are small. A helper thread of the linear algebra would gain nothing, and after each call it
@@ -91,27 +95,26 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
     os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(FAST_DDS_PROFILE))
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     stop = _Stop()
-    try:
-        runnable = make()
-    except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)  # noqa: T201
-        rclpy.try_shutdown()
-        return EXIT_USAGE
-    executor = EventsExecutor()
-    executor.add_node(runnable.node)
-    code: int | None = None
-    try:
-        while code is None and not stop.signal:
-            executor.spin_once(timeout_sec=min(runnable.step(), _SPIN_SECONDS))
-            code = runnable.finished()
-    except ExternalShutdownException:
-        code = EXIT_FAILURE
-    except Exception:  # noqa: BLE001  (a defect; left to the interpreter's end, the middleware would hang there)
-        traceback.print_exc()
-        code = EXIT_FAILURE
-    finally:
-        runnable.close()
-        executor.shutdown()
-        runnable.node.destroy_node()
-        rclpy.try_shutdown()
+    with contextlib.ExitStack() as last:
+        last.callback(rclpy.try_shutdown)
+        try:
+            runnable = make()
+        except ValueError as error:
+            print(f"error: {error}", file=sys.stderr)  # noqa: T201
+            return EXIT_USAGE
+        last.callback(runnable.node.destroy_node)
+        executor = EventsExecutor()
+        last.callback(executor.shutdown)
+        executor.add_node(runnable.node)
+        last.callback(runnable.close)
+        code: int | None = None
+        try:
+            while code is None and not stop.signal:
+                executor.spin_once(timeout_sec=min(runnable.step(), _SPIN_SECONDS))
+                code = runnable.finished()
+        except ExternalShutdownException:
+            code = EXIT_FAILURE
+        except Exception:  # noqa: BLE001  (a defect; left to the interpreter's end, the middleware would hang there)
+            traceback.print_exc()
+            code = EXIT_FAILURE
     return 128 + stop.signal if stop.signal else (code or EXIT_OK)
