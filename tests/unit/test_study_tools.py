@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -209,6 +210,25 @@ def test_an_export_has_a_row_a_trial_and_its_units_in_csv_and_parquet_alike(stud
     assert table["spread between its repeats [m/s]"].to_pylist()[0] == pytest.approx(math.sqrt(2e-8))
     assert table.schema.field("started [UTC]").type == pa.timestamp("us", "UTC")
     assert table.schema.metadata[b"study.repeats"] == b"2"
+
+
+def test_an_export_knows_the_two_hours_of_a_change_of_the_clocks_apart(tmp_path: Path) -> None:
+    with Study.create(tmp_path / "study", Settings(SPACE)) as begun:
+        begun.start(begun.propose(0, {MODULUS: 1e9, LENGTH: 0.08}).number)
+        begun.finish(0, Result(Outcome.OK, score=0.02))
+    journal = tmp_path / "study" / "journal.log"
+    times = ("2025-10-26T00:30:00.000000+00:00", "2025-10-26T01:30:00.000000+00:00")  # in Berlin both are 2:30
+    lines = journal.read_text().splitlines(keepends=True)
+    for key, value in zip(("datetime_start", "datetime_complete"), times, strict=True):
+        lines = [re.sub(rf'("{key}": ?)"[^"]+"', rf'\1"{value}"', line) for line in lines]
+    journal.write_text("".join(lines))
+    subprocess.run(
+        [sys.executable, "-m", export.__name__, str(tmp_path / "study")],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "TZ": "Europe/Berlin"},
+        check=True,
+    )
+    (row,) = parquet.read_table(tmp_path / "study" / "study.parquet").to_pylist()
+    assert [row[name].isoformat(timespec="microseconds") for name in ("started [UTC]", "ended [UTC]")] == [*times]
 
 
 def test_a_study_is_shown_best_first_with_its_spread_and_what_failed(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -88,6 +90,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Export a study; return 0, or 2 if it cannot be."""
     if arguments is None:
         end_with_the_reader()
+        # Optuna turns the journal's times into local ones, which cannot tell the hour that a change of clocks repeats.
+        os.environ["TZ"] = "UTC"
+        time.tzset()
     parser = argparse.ArgumentParser(
         prog="export",
         description=f"Write a study as {CSV_FILE} and {PARQUET_FILE}: one row a trial, units in the header.",
