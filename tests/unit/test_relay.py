@@ -12,6 +12,7 @@ import pytest
 from fin_plant.gait import Gait, JointDrive
 from fin_servo_driver.relay import HIGHEST_FREQUENCY, LEFT, OFF, RIGHT, RelayMotion, RelaySwitch
 from fin_servo_driver.robot_file import RelayJoint, RelayTiming
+from fin_servo_driver.tail import Command, Phase, Settings, Tail
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -169,6 +170,17 @@ def test_a_tail_that_is_stopped_has_all_off_at_once() -> None:
     motion.command(Gait((JointDrive(STROKE, 0.5),)), 0.0)
     assert any(motion.outputs(now, 1.0)[1] for now in (0.4, 0.41))
     assert motion.outputs(0.42, 0.999) == {1: 0.0, 2: 0.0} == motion.neutral()
+
+
+def test_a_stop_that_comes_after_the_tick_looked_at_the_clock_is_carried_out() -> None:
+    motion = RelayMotion([RelayJoint(1, 2, STROKE)], TIMING, PERIOD)
+    tail = Tail(motion, Settings(0.5, 0.5))
+    tail.arm(0.0)
+    tail.command(Command(Gait((JointDrive(STROKE, 1.0),)), 1.0), {})
+    assert tail.tick(1.0) is not None
+    tail.stop(1.0101)
+    assert tail.tick(1.01) is None
+    assert tail.phase is Phase.SILENT
 
 
 def test_after_a_release_the_dead_time_holds() -> None:

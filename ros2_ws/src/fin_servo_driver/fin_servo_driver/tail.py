@@ -148,10 +148,10 @@ class Tail:
         return None
 
     def _stopping(self, now: float) -> Outputs | None:
-        elapsed = now - self._stop_begin
+        elapsed = max(now - self._stop_begin, 0.0)  # it may have been asked after the tick had looked at the clock
         if not elapsed < self._motion.stop_time:
             self.cut(now)
             return None
-        scale = 1.0 - float(smooth_step(np.array(max(elapsed, 0.0) / (_FADE_PART * self._motion.stop_time)))[0])
+        scale = 1.0 - float(smooth_step(np.array(elapsed / (_FADE_PART * self._motion.stop_time)))[0])
         # Never quite 1, so that a tail of relays knows that it is being stopped.
         return self._motion.outputs(now, min(scale, 0.999))
