@@ -15,7 +15,7 @@ from fin_plant.gait import PAPER_GAIT
 from fin_plant.messages import gait_message, nanoseconds_of
 from fin_plant.plant_state import State
 from fin_servo_driver.emulator.hidden_fish import SAMPLE_TIME, Deviation, HiddenFish, Servo
-from support.robot_client import RobotClient
+from support.robot_client import UNCONFIGURED, RobotClient
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -87,6 +87,23 @@ def test_other_devices_swim_too_and_faults_are_survived(
         assert client.set_parameters({"fault.drop_rate": 0.0}).successful
         client.wait_for_state(State.SWIMMING)
         client._plant = "servo_driver"
+
+
+def test_a_person_may_answer_the_driver_in_a_rehearsal(start: Callable[..., StartedProcess], ros_domain: int) -> None:
+    start("fin_servo_driver", "rehearsal", "--ros-args", "-p", "operator.acts:=false")
+    start("fin_servo_driver", "servo_driver", "--ros-args", "-p", "plant:=rehearsal")
+    start("fin_servo_driver", "velocity_estimator")
+    with RobotClient(ros_domain) as client:
+        client.wait_until(lambda: client.get_parameter("port"), "port that the rehearsal has told the driver")
+        client.spin(0.5)
+        assert client.life_cycle() == UNCONFIGURED, "the person configures it"
+        client.make_ready()
+        client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+        begin = client.wait_for_state(State.SWIMMING).stamp
+        client.wait_until(
+            lambda: nanoseconds_of(client.received(topics.VELOCITY)[-1].header.stamp) > begin + 3e9, "3 s of swimming"
+        )
+        assert np.mean([m.twist.linear.x for m in client.received(topics.VELOCITY)[-50:]]) > 0.01
 
 
 # -- the hidden fish itself ------------------------------------------------------------------------------------------

@@ -41,6 +41,7 @@ def state(name: State, reason: str = "", waiting_for: str = "") -> PlantState:
         (state(State.WAITING_FOR_RESET, "port /dev/x is absent", "configuring"), "open the port", "configure"),
         (state(State.FAULT, "the emergency stop is latched"), "press r", ""),
         (state(State.FAULT, "/dev/x was lost"), "reconnects by itself", ""),
+        (state(State.FAULT, "the driver's I/O thread has failed: KeyError(3)"), "start it anew", ""),
         (state(State.WAITING_FOR_FIN, waiting_for="fin"), "Mount this fin", "confirm_fin"),
         (state(State.WAITING_FOR_RESET, waiting_for="arming"), "ARM", "activate"),
         (state(State.WAITING_FOR_RESET, waiting_for="mark"), "back to its mark", "reset"),

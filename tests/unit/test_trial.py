@@ -323,12 +323,22 @@ def test_a_plant_that_is_out_of_sight_for_a_moment_is_waited_for(phase: str, sta
     assert rehearsal.trial.phase == phase
 
 
-@pytest.mark.parametrize("phase", ["find the plant", "wait until it is at rest", "set the fin"])
-def test_a_plant_that_never_took_the_fin_is_no_attempt_at_it(phase: str) -> None:
+@pytest.mark.parametrize("phase", [phase.name for phase in PHASES[:7]])
+def test_what_fails_before_the_gait_is_on_is_no_attempt_at_the_fin(phase: str) -> None:
     rehearsal = Rehearsal()
     rehearsal.reach(phase)
     rehearsal.update(60.0)
     assert not rehearsal.is_attempt
+
+
+def test_a_robot_without_a_velocity_is_told_what_it_needs() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("open the bag")
+    rehearsal.update(60.0)
+    assert (
+        "on topic /fish/velocity; on a robot the velocity needs a tracker that publishes /fish/pose"
+        in rehearsal.failure
+    )
 
 
 def test_silence_under_way_is_an_attempt_at_the_fin() -> None:

@@ -317,7 +317,7 @@ class Trial:
     def _failed(self, trouble: str, facts: Facts) -> Result:
         """Return how the trial FAILED: as an attempt at its fin, unless the reason is none of the fin's."""
         no_attempt = (
-            self._index <= _FIN_IS_SET
+            self._index < _GAIT_IS_ON
             or len(facts.plants) > 1
             or bool(facts.recorder_failure or facts.other_fish or self._changed(facts))
         )
@@ -515,6 +515,13 @@ def _still_swimming(trial: Trial, facts: Facts) -> str:
     return f"the gait is off, but {_says(trial, facts)}"
 
 
+def _nothing_to_record(trial: Trial, facts: Facts) -> str:
+    said = f"nothing to record on topic {', '.join(facts.unmatched_topics)}"
+    if trial.topic("velocity") not in facts.unmatched_topics:
+        return said
+    return f"{said}; on a robot the velocity needs a tracker that publishes {trial.topic('pose')}"
+
+
 PHASES: tuple[Phase, ...] = (
     Phase(
         "find the plant",
@@ -563,7 +570,7 @@ PHASES: tuple[Phase, ...] = (
         action=Action.OPEN_BAG,
         done=lambda _, facts: not facts.unmatched_topics,
         patience="plant",
-        missing=lambda _, facts: f"nothing to record on topic {', '.join(facts.unmatched_topics)}",
+        missing=_nothing_to_record,
     ),
     Phase(
         "start the gait",
@@ -612,6 +619,8 @@ _AT_REST = 1
 """A fault counts after this phase: before, it is an earlier trial's, and the trial's first care is to clear it."""
 _FIN_IS_SET = 2
 """The plant that took the fin in this phase is the trial's from then on."""
+_GAIT_IS_ON = 7
+"""Before this phase nothing has happened that could tell anything of the fin."""
 _AT_START = 5
 """From the end of this phase on the fin stays mounted until the trial is over."""
 _SWIMMING_PHASES = ("settle", "measure")

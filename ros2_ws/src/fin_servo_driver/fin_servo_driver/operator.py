@@ -1,7 +1,7 @@
 """The terminal program for the person at the tank: what the robot waits for, and the keys to answer with.
 
 The space bar stops the robot at any time. Nothing is confirmed by itself, nor by a key that bounces or is stuck: Enter
-counts for a step only after the step was on the screen, and Enter at rest, for `_CALM` seconds.
+counts for a step only after the step was on the screen, and Enter at rest, for a second.
 """
 
 from __future__ import annotations
@@ -49,6 +49,7 @@ _STYLES = {
 _SHOWN = ("connected", "identity", "reconnects", "missed_ticks", "lateness_p99_ms", "voltage", "temperature", "fault")
 _LOOK = 0.05
 _CALM = 1.0
+"""s for which a step must be on the screen, and Enter at rest, before Enter counts."""
 _SILENT = 3.0
 """s without a word from the driver, which speaks once a second, after which what it said last is not shown as true."""
 _LEAVE_SECONDS = 5.0
@@ -65,6 +66,7 @@ _WAITING = {
 _EMERGENCY = "emergency stop"
 _FAULTS = (
     (_EMERGENCY, ("Stopped. When all is safe, press r to release the emergency stop.", "")),
+    ("I/O thread", ("The driver has failed and moves nothing any more. Look at its log, then start it anew.", "")),
     ("", ("Check cable and power; the driver reconnects by itself.", "")),
 )
 """The same by a part of the fault's reason; the last one fits every reason."""

@@ -53,7 +53,15 @@ _PATIENCE = 2.0
 
 
 class Operator:
-    """Does at the driver what a person does at the robot, one thing at a time."""
+    """Does at the driver what a person does at the robot, one thing at a time.
+
+    Where a person answers the driver instead, the hands are still this one's: the wanted fin is on, and the fish at its
+    mark, before anybody can say so.
+
+    Attributes:
+        acts: Whether it answers the driver.
+        delay: s after which it does.
+    """
 
     def __init__(
         self, node: Node, port: str, robot: str, mount: Callable[[Fin], None], put_back: Callable[[], None]
@@ -98,7 +106,7 @@ class Operator:
         """Do what the driver waits for, if it has waited long enough."""
         now = time.monotonic()
         state = self._state
-        if not self.acts or state is None or now - self._since < self.delay or now < self._busy_until:
+        if state is None or now - self._since < self.delay or now < self._busy_until:
             return
         waiting = state.details.get("waiting_for", "")
         self._busy_until = now + _PATIENCE
@@ -106,12 +114,12 @@ class Operator:
             self._call(self._get_state, GetState.Request(), self._set_up)
         elif waiting == "fin":
             self._mount(wanted_fin(state.details))
-            self._call(self._confirm, Trigger.Request(), self._note)
+            self._answer(self._confirm, Trigger.Request())
         elif waiting == "arming":
             self._change(Transition.TRANSITION_ACTIVATE)
         elif waiting == "mark":
             self._put_back()
-            self._call(self._reset, Trigger.Request(), self._note)
+            self._answer(self._reset, Trigger.Request())
         else:
             self._busy_until = 0.0
 
@@ -126,7 +134,11 @@ class Operator:
         self._call(self._set, request, lambda _: self._change(Transition.TRANSITION_CONFIGURE))
 
     def _change(self, transition: int) -> None:
-        self._call(self._change_state, ChangeState.Request(transition=Transition(id=transition)), self._note)
+        self._answer(self._change_state, ChangeState.Request(transition=Transition(id=transition)))
+
+    def _answer(self, client: Any, request: Any) -> None:
+        if self.acts:
+            self._call(client, request, self._note)
 
     def _note(self, response: Any) -> None:
         if not response.success:
