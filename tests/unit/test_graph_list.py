@@ -92,6 +92,16 @@ def test_several_robots_cannot_share_a_robot_file_or_a_port(given: dict[str, str
     assert "robot_file:=[a.yaml,b.yaml]" in str(refused.value) or "in its robot file" in str(refused.value)
 
 
+def test_a_robot_file_is_read_before_anything_starts(tmp_path: Path) -> None:
+    garbage = tmp_path / "robot.yaml"
+    garbage.write_text("device: firmata\n")
+    for name, message in ((str(tmp_path / "robot.yml"), "there is no such file"), (str(garbage), "joints")):
+        specs = graph.nodes({"plant": "robot", "robot_file": name})
+        with pytest.raises(ValueError, match=message):
+            graph.check_robot_files(specs)
+    graph.check_robot_files(graph.nodes({"plant": "rehearsal", "robot_file": "modbus"}))
+
+
 def test_several_fish_of_a_rehearsal_are_emulated_alike() -> None:
     *nodes, _ = graph.nodes({"plant": "rehearsal", "plants": "[/a/fish, /b/fish]", "robot_file": "modbus"})
     of_each = [[node.name for node in nodes if node.namespace == fish] for fish in ("/a/fish", "/b/fish")]
@@ -131,6 +141,10 @@ def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
         ({"plant": "rehearsal", "port": "/dev/ttyACM0"}, "with plant:=rehearsal: it is one with plant:=robot"),
         ({"robot_file": "robot.yaml"}, "with plant:=sim: it is one with plant:=robot or plant:=rehearsal"),
         ({"plant": "robot"}, "plant:=robot needs robot_file:=my_robot.yaml: copy an example"),
+        (
+            {"plant": "rehearsal", "objective": "speed_and_cost_of_transport"},
+            "needs a plant that tells its servos' torques",
+        ),
         ({"namespace": "fish"}, "namespace:=fish must be like /fish"),
         ({"namespace": "/fi sh"}, "namespace:=/fi sh must be like /fish"),
     ],
@@ -212,6 +226,15 @@ def test_the_launch_file_starts_the_same_nodes(launch_file: dict[str, Any]) -> N
 
 def said(actions: list[Recorded]) -> list[tuple[str, Any]]:
     return [(type(action).__name__, next(iter(action.named.values()))) for action in actions]
+
+
+def test_a_launch_argument_that_is_nearly_one_is_refused(launch_file: dict[str, Any]) -> None:
+    context = launch_context(launch_file)
+    context.launch_configurations |= {"trails": "2", "of_another_launch_file": "1", "robot_file": "of another plant"}
+    with pytest.raises(ValueError, match=r"trails:= is no argument of a study: did you mean trials\?"):
+        launch_file["start_nodes"](context)
+    del context.launch_configurations["trails"]
+    assert launch_file["start_nodes"](context)
 
 
 def test_a_launched_study_ends_with_its_optimiser_or_its_last_fish(launch_file: dict[str, Any]) -> None:

@@ -55,8 +55,9 @@ MAY_IMPORT = {
     "fin_servo_driver": {"fin_plant"},
     "fin_optimizer": {"fin_plant", "fin_sim"},
 }
-# The emulator of the robot moves a simulated fish; nothing that runs on the robot does.
-MAY_ALSO_IMPORT = {"fin_servo_driver.emulator": {"fin_sim"}}
+# The emulator of the robot moves a simulated fish; nothing that runs on the robot does. Who starts a robot's driver
+# reads the robot's file first.
+MAY_ALSO_IMPORT = {"fin_servo_driver.emulator": {"fin_sim"}, "fin_optimizer.graph": {"fin_servo_driver"}}
 # Of a core, the servo driver's back ends and the optimiser's bag, which are for this, aside.
 INPUT_AND_OUTPUT = {"mcap", "mcap_ros2", "rosbags", "serial", "optuna", "matplotlib"}
 

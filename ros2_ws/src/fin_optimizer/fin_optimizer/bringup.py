@@ -277,7 +277,9 @@ def main() -> int:
         sys.stdout.write(usage() + "\n")
         return 0
     try:
-        bringup = Bringup(graph.nodes(parse(words)))
+        nodes = graph.nodes(parse(words))
+        graph.check_robot_files(nodes)
+        bringup = Bringup(nodes)
     except (ValueError, FileNotFoundError) as error:
         sys.stderr.write(f"error: {error}\n")
         return EXIT_USAGE if isinstance(error, ValueError) else EXIT_FAILURE

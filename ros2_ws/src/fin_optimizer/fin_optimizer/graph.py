@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, cast
 from fin_plant import checks
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
 from fin_plant.parameters import ParameterTable, load_table
+from fin_servo_driver import robot_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -156,6 +157,9 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
         values["repeats"] = _REPEATS.get(kind, "1")
     _refuse_unknown(values, kind)
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
+    if kind != "sim" and "objective" in optimizer.parameters:
+        msg = f"objective:={values['objective']} needs a plant that tells its servos' torques, and of all only sim does"
+        raise ValueError(msg)
     fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
     robots = _robots(values, len(fish)) if kind == "robot" else [{}] * len(fish)
     specs = []
@@ -166,6 +170,28 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
                 chosen |= {name: value for name, value in _LATER_FISH.items() if name in node.table}
             specs.append(NodeSpec(node.package, node.name, node.name, each, chosen))
     return (*specs, optimizer)
+
+
+def check_robot_files(specs: Iterable[NodeSpec]) -> None:
+    """Read the robot file of each node that is to get one, before anything is started.
+
+    Raises:
+        ValueError: There is no such file, or something in it is refused.
+    """
+    for spec in specs:
+        if name := spec.parameters.get("robot_file"):
+            robot_file.load(robot_file.find(str(name)))
+
+
+def misspelt(given: Iterable[str], plant: str) -> list[str]:
+    """Return a text for each name that is no argument of a study with this plant, but nearly one.
+
+    `ros2 launch` takes any name: one that is far from all may be another launch file's.
+    """
+    known = [argument.name for argument in arguments(plant)]
+    every = {argument.name for argument in arguments()}
+    near = {name: difflib.get_close_matches(name, known, n=1, cutoff=0.8) for name in given if name not in every}
+    return [f"{name}:= is no argument of a study: did you mean {found[0]}?" for name, found in near.items() if found]
 
 
 def _robots(values: Mapping[str, str], count: int) -> list[dict[str, str]]:

@@ -20,8 +20,11 @@ if TYPE_CHECKING:
 def start_nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes of the study. The optimiser's end takes the others with it, as does the end of the last fish."""
     plant = context.launch_configurations["plant"]
+    if wrong := graph.misspelt(context.launch_configurations, plant):
+        raise ValueError("; ".join(wrong))
     names = [argument.name for argument in graph.arguments(plant)]
     *plants, optimizer = graph.nodes({name: context.launch_configurations[name] for name in names})
+    graph.check_robot_files(plants)
     fish: dict[str, list[Node]] = {}
     for spec in plants:
         fish.setdefault(spec.namespace, []).append(_node(spec, partial(end_fish, fish, spec)))
