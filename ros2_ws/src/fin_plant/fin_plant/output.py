@@ -41,6 +41,6 @@ def outlast_the_reader() -> None:
                     io.BufferedWriter(_Output(stream.fileno(), "w", closefd=False)),
                     encoding=stream.encoding,
                     errors=stream.errors,
-                    line_buffering=stream.line_buffering,
+                    line_buffering=True,
                 ),
             )

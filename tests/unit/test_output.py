@@ -1,0 +1,34 @@
+"""The output of a process that outlasts its reader; what becomes of studies and nodes is in the graph tests."""
+
+from __future__ import annotations
+
+import os
+import select
+import subprocess
+import sys
+
+import pytest
+
+SAY = """
+import sys
+from fin_plant.output import outlast_the_reader
+
+outlast_the_reader()
+sys.{stream}.write("a line\\n")
+sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_line_is_written_at_once(stream: str, unbuffered: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", SAY.format(stream=stream)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
+    ) as process:
+        assert select.select([process.stdout], [], [], 20.0)[0], "nothing came while the process was running"
+        assert process.communicate()[0] == b"a line\n"
+    assert process.returncode == 0
