@@ -41,6 +41,7 @@ MODULUS = "fin.young_modulus [Pa]"
 PAPER_AREA = 0.08 * 0.025
 """m^2."""
 SHORT = ("measurement.duration:=1.0",)
+CONTROL = ("fin_optimizer", "control")
 
 
 @pytest.fixture
@@ -299,9 +300,12 @@ def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, c
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
     optimizer = start_optimizer(start, folder, "trials:=1000", "autostart:=false", "measurement.duration:=1.0")
     optimizer.wait_for_output("1000 trials, seed 1")
-    assert call("optimizer/pause").message == "nothing to pause: holding: call ~/start"
-    assert call("optimizer/start").success
+    assert call("optimizer/pause").message == "nothing to pause: holding until ~/start is called"
+    first = start(*CONTROL, "start")
+    assert (first.wait(), first.output()) == (0, "started\n")
     optimizer.wait_for_output("trial 0001")
+    again = start(*CONTROL, "start")
+    assert (again.wait(), again.output()) == (1, "nothing to start: running\n")
     assert call("optimizer/pause").success
     wait_until(lambda: call("optimizer/pause").success is False, 20, "the study to hold")
     held = optimizer.output().count("\ntrial ")
@@ -311,6 +315,12 @@ def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, c
     assert optimizer.wait() == 0
     assert "best of" in optimizer.output()
     assert {row["outcome"] for row in table(folder)} <= {"OK", "FAILED"}
+
+
+def test_control_without_an_optimiser_says_so(start: Start) -> None:
+    control = start(*CONTROL, "stop", "--namespace", "/nowhere")
+    assert control.wait() == 1
+    assert "error: no optimiser offers /nowhere/optimizer/stop: does a study run" in control.output()
 
 
 def test_a_disk_that_fills_up_ends_the_study_without_loss_and_more_room_lets_it_go_on(

@@ -13,6 +13,7 @@ from support.source_tree import PACKAGES, SOURCE, imported_packages, modules
 
 # The thin ROS face of each package. Whoever adds a module here moves it out of the core.
 ROS_MODULES = {
+    "fin_optimizer.control",
     "fin_optimizer.lane",
     "fin_optimizer.lateness",
     "fin_optimizer.observation",

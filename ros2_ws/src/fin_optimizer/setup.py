@@ -28,6 +28,7 @@ setup(
         "console_scripts": [
             "optimizer = fin_optimizer.optimizer:main",
             "bringup = fin_optimizer.bringup:main",
+            "control = fin_optimizer.control:main",
             "export = fin_optimizer.export:main",
             "play_bag = fin_optimizer.play_bag:main",
             "repair_bags = fin_optimizer.repair_bags:main",

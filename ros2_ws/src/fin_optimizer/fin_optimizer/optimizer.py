@@ -51,7 +51,7 @@ _DISCOVERY = 0.5
 class Mode(Enum):
     """What the optimiser is about."""
 
-    HOLDING = "holding: call ~/start"
+    HOLDING = "holding until ~/start is called"
     RUNNING = "running"
     PAUSING = "pausing after this trial"
     STOPPING = "stopping"
@@ -101,14 +101,14 @@ class Optimizer:
     def _greet(self) -> None:
         self._display.say(f"study {_near(self._study.folder)}: {self._total} trials, seed {self._plan.count('seed')}")
         if done := len(self._study.trials):
-            self._display.say(f"going on after {done} trials, {show_best(self._study.best())}")
+            self._display.say(f"going on after {_count(done, 'trial')}, {show_best(self._study.best())}")
             for repair in repair_bags(self._study.folder, or_nothing=True):
                 self._display.say(f"note: {repair}")
         for note in self._study.notes:
             self._display.say(f"note: {note}")
         if self._mode is Mode.HOLDING:
             service = f"{self.node.get_fully_qualified_name()}/start"
-            self._display.say(f"holding: begin with ros2 service call {service} std_srvs/srv/Trigger")
+            self._display.say(f"holding: begin with `control start` of fin_optimizer, or by a call of {service}")
 
     # -- services ----------------------------------------------------------------------------------------------------
 
@@ -298,9 +298,8 @@ class Optimizer:
         self._write_report()
         best = self._study.best()
         if best is not None and best.score is not None:
-            scored = sum(trial.score is not None for trial in self._study.trials)
             words = f"{report.show_values(best.values)} swims {report.show_speed(best.score)}"
-            self._display.say(f"best of {scored} trials: {words}")
+            self._display.say(f"best of {self._swum()}: {words}")
             self._say_front()
         else:
             self._display.say("no trial gave a score")
@@ -308,6 +307,14 @@ class Optimizer:
         self._display.say(f"results: {_near(self._study.folder)}/ ({', '.join(self._results())})")
         if self._plan.values["exit_when_done"]:
             self._exit_code = code
+
+    def _swum(self) -> str:
+        """Return how much was swum: trials, and fins where some were swum more often or have no score."""
+        trials = sum(trial.score is not None for trial in self._study.trials)
+        tried = self._study.candidates
+        fins = sum(fin.score is not None for fin in tried)
+        swum = _count(trials, "trial") if fins == trials else f"{_count(fins, 'fin')} in {_count(trials, 'trial')}"
+        return swum if fins == len(tried) else f"{swum} ({_count(len(tried) - fins, 'fin')} without a score)"
 
     def _say_front(self) -> None:
         """Name the fins of the Pareto front, where two objectives are asked for."""
@@ -393,9 +400,14 @@ class Optimizer:
 
     def _say_how_to_go_on(self) -> None:
         if self._mode is not Mode.DONE:
-            count, folder = len(self._study.trials), _near(self._study.folder)
-            trials = "1 trial" if count == 1 else f"{count} trials"
-            self._display.say(f"stopped after {trials}, all in the journal; go on with study_folder:={folder}")
+            trials, folder = _count(len(self._study.trials), "trial"), _near(self._study.folder)
+            self._display.say(
+                f"stopped after {trials}, all in the journal; go on with study_folder:={folder} and what else was given"
+            )
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def _near(folder: Path) -> str:
