@@ -106,6 +106,41 @@ def test_a_played_bag_gives_a_listener_every_message_and_the_same_score(
     assert [(s, d) for _, s, d in read_bag(tmp_path / "again").messages("velocity")] == sent
 
 
+@pytest.mark.parametrize("rate", ["0", "1", "20"])
+def test_a_listener_that_was_there_before_hears_every_message_and_the_same_score(
+    start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener], rate: str
+) -> None:
+    ear = listener("/fish")
+    ear.recorder.open(tmp_path / "again", read_bag(swim).metadata)
+    player = start("fin_optimizer", "play_bag", str(swim), "--rate", rate)
+    ear.wait(lambda: not player.running, "the end of the bag")
+    assert player.wait() == 0
+    ear.recorder.close()
+    live, recorded = score_bag(swim)
+    again, bag = score_bag(tmp_path / "again")
+    assert again == live
+    assert {name: bag.counts[name] for name in recorded.counts} == {**recorded.counts, "/fish/gait": 0}
+
+
+def test_a_topic_that_somebody_publishes_already_is_played_only_elsewhere_or_by_name(
+    start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
+) -> None:
+    ear = listener("/fish")
+    ear.node.create_publisher(topics.PLANT_STATE.type, "/fish/plant_state", topics.PLANT_STATE.qos)
+    player = start("fin_optimizer", "play_bag", str(swim), "--rate", "0", "--paused")
+    assert player.wait() == 2
+    assert "error: /fish/plant_state: published already by /listener." in player.output()
+    assert "-r /fish/plant_state:=/replay/plant_state" in player.output()
+    assert "ROS_DOMAIN_ID" in player.output()
+    for words in (
+        ("--ros-args", "-r", "/fish/plant_state:=/replay/plant_state"),
+        ("--topics", "plant_state", "velocity"),
+    ):
+        player = start("fin_optimizer", "play_bag", str(swim), "--rate", "0", *words)
+        ear.wait(lambda: not player.running, "the end of the bag")  # noqa: B023
+        assert player.wait() == 0
+
+
 def test_the_gait_is_played_only_by_name_from_where_it_is_asked_and_again_and_again(
     start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
 ) -> None:

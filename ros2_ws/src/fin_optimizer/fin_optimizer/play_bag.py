@@ -1,7 +1,7 @@
 """Command ``play_bag``: publishes a recorded trial again, byte for byte, with the quality of service of its publishers.
 
 `gait` is left out unless it is asked for by name: a recorded command must not move a fish because somebody wanted to
-look at a plot.
+look at a plot. Likewise a topic is not played beside another publisher: a second plant fails a trial that is under way.
 """
 
 from __future__ import annotations
@@ -16,7 +16,14 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
@@ -40,6 +47,10 @@ _ACKNOWLEDGE_WAIT = Duration(seconds=0.1)
 _FAREWELL = Duration(seconds=5.0)
 _CLOCK_PERIOD = 0.01
 _IDLE = 0.1
+_DISCOVERY = 0.5
+"""s in which whoever listens or publishes already is discovered."""
+_LONGEST_MATCHING = 5.0
+"""s that the listeners discovered may take until they hear the player."""
 
 
 def chosen_topics(bag: Bag, asked: Sequence[str] | None) -> list[str]:
@@ -60,7 +71,8 @@ class Player:
         """Offer the bag's topics, and the services ``~/pause`` and ``~/resume``.
 
         Raises:
-            ValueError: A topic that the bag does not have, or a start behind its end.
+            BagError: A topic that the bag does not have.
+            ValueError: A start behind its end, or a topic that another node publishes.
         """
         self.node = Node("player")
         names = chosen_topics(bag, given.topics)
@@ -74,7 +86,11 @@ class Player:
             length = (self._messages[-1][0] - self._messages[0][0]) / NANOSECONDS
             msg = f"--start {given.start:g} s is behind the end of the bag, which is {length:g} s long"
             raise ValueError(msg)
+        time.sleep(_DISCOVERY)
+        if not given.topics:
+            self._refuse_second_publishers(names)
         self._publishers = {name: self._publisher(bag, name) for name in names}
+        self._wait_for_listeners()
         self._clock = self.node.create_publisher(topics.CLOCK.type, topics.CLOCK.name, topics.CLOCK.qos)
         self._backlog = 0
         self._clock_due = 0.0
@@ -92,6 +108,39 @@ class Player:
         package, _, kind = bag.topics[name].split("/")
         message = getattr(importlib.import_module(f"{package}.msg"), kind)
         return self.node.create_publisher(message, name, quality(bag.offered(name)))
+
+    def _refuse_second_publishers(self, names: Sequence[str]) -> None:
+        """Look for topics that another node publishes.
+
+        Raises:
+            ValueError: There is one.
+        """
+        publishers = {name: self.node.get_publishers_info_by_topic(name) for name in names}
+        if taken := [name for name in names if publishers[name]]:
+            ends = [end for name in taken for end in publishers[name]]
+            nodes = ", ".join(sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends}))
+            msg = (
+                f"{', '.join(map(self.node.resolve_topic_name, taken))}: published already by {nodes}. A second "
+                "publisher would mislead who listens, and fail a trial that is under way. Play it under another name "
+                f"(--ros-args -r {taken[0]}:=/replay/{taken[0].rpartition('/')[2]}, for each) or with another "
+                "ROS_DOMAIN_ID; --topics plays what it names all the same"
+            )
+            raise ValueError(msg)
+
+    def _wait_for_listeners(self) -> None:
+        """Wait until the listeners that were discovered hear what is published from now on."""
+        end = time.monotonic() + _LONGEST_MATCHING
+        while not all(self._is_heard(name) for name in self._publishers) and time.monotonic() < end:
+            time.sleep(_CLOCK_PERIOD)
+
+    def _is_heard(self, name: str) -> bool:
+        publisher = self._publishers[name]
+        listeners = [
+            listener
+            for listener in self.node.get_subscriptions_info_by_topic(name)
+            if qos_check_compatible(publisher.qos_profile, listener.qos_profile)[0] != QoSCompatibility.ERROR
+        ]
+        return bool(publisher.get_subscription_count() >= len(listeners))
 
     def _rewind(self) -> None:
         """Go to the start; what a latched topic said last before it is said again, since it still held."""
@@ -196,7 +245,8 @@ def _positive(text: str) -> float:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="play_bag",
-        description="Publish a recorded trial again. gait is left out unless --topics names it.",
+        description="Publish a recorded trial again. gait is left out, and a topic that another node publishes is "
+        "refused, unless --topics names it.",
         epilog="remaps and namespaces as for every node, for example --ros-args -r /fish/velocity:=/replay/velocity; "
         "services ~/pause and ~/resume",
     )
