@@ -13,6 +13,7 @@ import pytest
 
 from fin_plant.gait import PAPER_GAIT
 from fin_servo_driver import backends, io_thread, robot_file
+from fin_servo_driver.emulator import packets
 from fin_servo_driver.emulator.devices import Device, Dynamixel, Firmata
 from fin_servo_driver.emulator.emulate import device_for
 from fin_servo_driver.emulator.pty_port import PtyPort
@@ -26,6 +27,8 @@ from support.waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+
+    from fin_servo_driver.backends.backend import Backend
 
 RECOVERY = 2.0
 """s after a port is back within which the driver must be, too."""
@@ -394,7 +397,7 @@ def test_a_line_that_is_behind_gets_no_more_set_points_and_is_lost_if_it_stays_s
     assert thread.wait_for({Phase.SILENT}, 1.0)
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
     wait_until(lambda: thread.health.dropped > 3, 2.0, "dropped set-points")
-    assert bytes(line.written) in {b"\xff", b"\xff\xf9"}  # disabled at the start, and asked for a sign of life
+    assert set(line.written) <= {0xF7, 0xFF, 0xF9}  # disabled at the start, and asked for a sign of life
     begin = time.monotonic()
     while thread.health.connected:
         assert time.monotonic() - begin < 2.0
@@ -462,3 +465,183 @@ def test_the_mailbox_holds_the_newest_command_once() -> None:
     mailbox.put(second)
     assert mailbox.take() is second
     assert mailbox.take() is None
+
+
+class OneLost(Dynamixel):
+    """A bus on which one instruction is lost: the first write of this value to this address."""
+
+    def __init__(self, servos: list[int], lost: tuple[int, int]) -> None:
+        super().__init__(servos, lambda _: 2048.0)
+        self._to_lose: tuple[int, int] | None = lost
+
+    @property
+    def has_lost_it(self) -> bool:
+        """Whether it is lost already."""
+        return self._to_lose is None
+
+    def _execute(self, packet: packets.Packet) -> bytes:
+        data = packet.parameters
+        written = int.from_bytes(data[:2], "little"), *data[2:3]
+        if packet.instruction == packets.WRITE and written == self._to_lose:
+            self._to_lose = None
+            return b""
+        return super()._execute(packet)
+
+
+@pytest.mark.parametrize("lost", [(64, 1), (98, 10)])
+def test_a_start_that_fails_half_way_is_made_anew(tmp_path: Path, lost: tuple[int, int]) -> None:
+    servo = robot_file.load(robot_file.find("dynamixel")).servos[0].channel
+    bus = OneLost([servo], lost)
+    made = rig_of("dynamixel", tmp_path, bus)
+    made.thread.start()
+    arm(made)
+    made.repeat_until(lambda: bus.has_lost_it, 1.0, "loss of the packet")
+    made.repeat_until(lambda: made.thread.health.ticks > 20, 1.0, "set-points")
+    assert (bus.tables[servo][64], bus.tables[servo][98]) == (1, 10)
+    assert made.thread.health.reconnects == 0
+    made.thread.close()
+    made.port.close()
+
+
+def test_a_pin_is_attached_though_the_first_attempt_was_lost() -> None:
+    class OneStall(Broken):
+        stalls = True
+
+        def write(self, data: bytes) -> None:
+            if data[:1] == b"\xf0" and self.stalls:
+                self.stalls = False
+                message = "took no bytes"
+                raise LineStalledError(message)
+            super().write(data)
+
+    line = OneStall()
+    thread, _ = thread_on(line, [])
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    wait_until(
+        lambda: thread.health.ticks > 3,
+        1.0,
+        "set-points",
+        lambda: thread.mailbox.put(Command(PAPER_GAIT, time.monotonic())),
+    )
+    assert 0 < line.written.index(b"\xf4\x09\x04") < line.written.index(b"\xe9")
+    thread.close()
+
+
+def test_a_start_that_failed_half_way_ends_without_a_jump_to_neutral() -> None:
+    class Mute(Broken):
+        def write(self, data: bytes) -> None:
+            if data[:1] == b"\xf0":
+                message = "took no bytes"
+                raise LineStalledError(message)
+            super().write(data)
+
+    line = Mute()
+    thread, _ = thread_on(line, [])
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+    wait_until(lambda: thread.health.dropped > 1, 1.0, "failed starts")
+    thread.stop_tail()
+    assert thread.wait_for({Phase.SILENT}, 0.3)
+    thread.close()
+    assert b"\xe9" not in line.written
+
+
+def fail_with(backend: Backend, monkeypatch: pytest.MonkeyPatch, *methods: str) -> None:
+    """Let these methods of a back end raise something that nobody has foreseen."""
+
+    def broken(*_: object) -> None:
+        message = "unforeseen"
+        raise IndexError(message)
+
+    for method in methods:
+        monkeypatch.setattr(backend, method, broken)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_back_end_that_cannot_send_any_more_is_disabled_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    line, reports = Broken(), []  # type: ignore[var-annotated]
+    thread, _ = thread_on(line, reports)
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
+    disabled = len(line.written)
+    fail_with(thread._backend, monkeypatch, "send")
+    wait_until(lambda: not thread.alive, 2.0, "the end of the thread")
+    assert b"\xff" in line.written[disabled:]
+    assert line.closed
+    assert (thread.health.connected, thread.health.phase) == (False, Phase.DISARMED)
+    assert "unforeseen" in thread.health.reason
+    assert any("while making the device safe: IndexError" in report for report in reports)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_whatever_fails_at_the_end_the_port_is_closed_and_the_health_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = Broken()
+    thread, _ = thread_on(line, [])
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
+    fail_with(thread._backend, monkeypatch, "send", "disable")
+    monkeypatch.setattr(line, "drain", lambda _: 1 / 0)
+    wait_until(lambda: not thread.alive, 2.0, "the end of the thread")
+    assert line.closed
+    assert thread.health.connected is False
+
+
+def test_closing_disables_also_where_the_thread_is_dead_and_has_left_the_line_open() -> None:
+    line = Broken()
+    thread, _ = thread_on(line, [])
+    thread._connect()
+    line.written.clear()
+    thread._thread = threading.Thread(target=lambda: None)
+    thread._thread.start()
+    thread._thread.join()
+    thread.close()
+    assert b"\xff" in line.written
+    assert line.closed
+
+
+def test_an_unforeseen_failure_at_the_start_leaves_no_open_port(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = Broken()
+    thread, _ = thread_on(line, [])
+    fail_with(thread._backend, monkeypatch, "identify")
+    with pytest.raises(IndexError):
+        thread.start()
+    assert line.closed
+
+
+@pytest.mark.parametrize("rig", ["firmata", "kmtronic", "lcus", "maestro"], indirect=True)
+def test_a_cut_whose_frames_get_lost_is_repeated_to_a_device_that_confirms_nothing(rig: Rig) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    rig.repeat_until(rig.driven, 3.0, "force")
+    rig.port.drop_rate = 1.0
+    rig.thread.cut()
+    assert rig.thread.wait_for({Phase.SILENT}, 1.0)
+    wait_until(lambda: rig.thread._line is not None and not rig.thread._asked, 1.0, "the cut")
+    time.sleep(0.02)  # the noise on the line that swallows the frames
+    assert rig.driven()
+    rig.port.drop_rate = 0.0
+    wait_until(lambda: not rig.driven(), 1.0, "silence")
+
+
+@pytest.mark.parametrize("rig", ["dynamixel", "modbus"], indirect=True)
+def test_what_was_confirmed_is_not_repeated(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    arm(rig)
+    rig.repeat_until(rig.driven, 3.0, "motion")
+    rig.thread.cut()
+    wait_until(lambda: not rig.driven() and rig.thread.health.phase is Phase.SILENT, 1.0, "silence")
+    switched: list[object] = []
+    monkeypatch.setattr(rig.thread._backend, "disable", switched.append)
+    begin = time.monotonic()
+    wait_until(lambda: time.monotonic() - begin > 2.0 * io_thread.REPEAT_SECONDS, 3.0, "two repetitions")
+    assert switched == []
+    monkeypatch.undo()

@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
 from fin_servo_driver.backends.backend import Feedback
@@ -28,6 +29,8 @@ NEUTRAL_HOLD = 0.1
 """s between neutral and disabled: five pulses, in which a hobby servo turns 30 degrees and more."""
 STALLED_SECONDS = 0.5
 """s without one frame that got through, after which the line counts as lost."""
+REPEAT_SECONDS = 0.5
+"""s between two times at which a device at rest that confirms nothing is told to disable: the frame may be lost."""
 _LATENESSES_KEPT = 1000
 _SAMPLES_KEPT = 1000
 _IDLE_LOOK = 0.05
@@ -36,6 +39,14 @@ _FAULT_SHOWN = 5.0
 _START_SECONDS = 0.2
 """s for which a start is tried again while the servos do not tell where they stand."""
 _JOIN_SECONDS = 10.0
+
+
+class _Force(Enum):
+    """Whether the device gives force."""
+
+    RELEASED = "told to disable"
+    UNSURE = "enabling or disabling it has not gone through"
+    ENABLED = "holds what it is sent"
 
 
 class OpenLine(Line, Protocol):
@@ -163,7 +174,8 @@ class IoThread:
         self._port = port
         self._report = report
         self._line: OpenLine | None = None
-        self._enabled = False
+        self._force = _Force.RELEASED
+        self._disabled_at = 0.0
         self._feedback = Feedback()
         self._last_good = 0.0
         self._back_off = BackOff()
@@ -222,11 +234,10 @@ class IoThread:
     def close(self) -> None:
         """End the thread; it makes the device safe and closes the port."""
         self._ask("quit")
-        if self._thread.is_alive():
+        if self._thread.ident is not None:
             self._thread.join(_JOIN_SECONDS)
-        elif self._thread.ident is None:
-            self._make_safe()
-            self._disconnect()
+        if self._line is not None:  # the thread was never started, or hangs
+            self._end("the driver has closed its port")
 
     @property
     def rated_operations(self) -> int:
@@ -266,17 +277,25 @@ class IoThread:
             self._report(reason)
             raise
         finally:
+            self._end(reason)
+
+    def _end(self, reason: str) -> None:
+        """Make the device safe, close the port and say so; each step is done whatever becomes of the others."""
+        try:
             self._make_safe()
-            self._disconnect()
-            self._tail.phase = Phase.DISARMED
-            self.health = replace(self.health, connected=False, phase=Phase.DISARMED, reason=reason)
+        finally:
+            try:
+                self._disconnect()
+            finally:
+                self._tail.phase = Phase.DISARMED
+                self.health = replace(self.health, connected=False, phase=Phase.DISARMED, reason=reason)
 
     def _on_time(self, now: float, due: float, period: float) -> float:
         """Note how late the tick is, and return when the next one is due."""
         late = now - due
         self._latenesses.append(late)
         missed = int(late / period)
-        if missed and self._enabled:
+        if missed and self._force is _Force.ENABLED:
             self.health = replace(self.health, missed=self.health.missed + missed)
         return due + (missed + 1) * period
 
@@ -321,15 +340,18 @@ class IoThread:
         command = self.mailbox.take()
         if command is not None:
             self._take(command)
-        outputs = self._tail.tick(now)
-        if outputs is None:
-            if self._enabled:
-                self._settle(line)
-        elif line.is_behind():
-            msg = "the line is behind: the device takes its bytes too slowly; is its baud rate the configured one?"
-            raise LineStalledError(msg)
-        else:
+            self._publish_health()  # at once: to enable the device may take longer than the node waits
+        if self._force is not _Force.ENABLED and self._tail.phase is Phase.STOPPING:
+            self._tail.cut(now)  # nothing has moved yet
+        if self._force is not _Force.ENABLED and self._tail.phase is Phase.FOLLOWING:
+            self._enable(line)  # the first set-point is computed afterwards, at the next tick
+        elif (outputs := self._tail.tick(now)) is not None:
             self._send(line, outputs)
+        elif self._force is not _Force.RELEASED:
+            self._settle(line)
+        elif not self._backend.confirms and now - self._disabled_at >= REPEAT_SECONDS:
+            self._backend.disable(line)
+            self._disabled_at = now
         self._listen(line, now)
 
     def _take(self, command: Command) -> None:
@@ -356,21 +378,31 @@ class IoThread:
                 return f"joint {number} stands at {position:g}, outside {allowed}: bring the tail inside by hand"
         return ""
 
+    def _enable(self, line: OpenLine) -> None:
+        _refuse_if_behind(line)
+        self._force = _Force.UNSURE  # what fails half-way is done anew, or disabled
+        self._backend.enable(line, self._motion.neutral())
+        self._force = _Force.ENABLED
+
+    def _disable(self, line: OpenLine) -> None:
+        self._force = _Force.UNSURE
+        self._backend.disable(line)
+        self._force = _Force.RELEASED
+        self._disabled_at = time.monotonic()
+
     def _send(self, line: OpenLine, outputs: Outputs) -> None:
-        if not self._enabled:
-            self._enabled = True  # before it is: what fails half-way must be disabled again
-            self._backend.enable(line, self._motion.neutral())
+        _refuse_if_behind(line)
         self._backend.send(line, outputs)
         self.health = replace(self.health, ticks=self.health.ticks + 1)
 
     def _settle(self, line: OpenLine) -> None:
         """Give the servo its neutral, then take its force; until that has worked it is tried at each tick."""
         try:
-            self._backend.send(line, self._motion.neutral())
-            line.drain(NEUTRAL_HOLD)
+            if self._force is _Force.ENABLED:
+                self._backend.send(line, self._motion.neutral())
+                line.drain(NEUTRAL_HOLD)
         finally:
-            self._backend.disable(line)
-        self._enabled = False
+            self._disable(line)
 
     def _listen(self, line: OpenLine, now: float) -> None:
         self._feedback = feedback = self._backend.read(line)
@@ -385,7 +417,7 @@ class IoThread:
         if measured:
             angles = [joint.angle_at(feedback.positions[joint.channel]) for joint in servos]
         else:
-            angles = self._motion.angles if self._enabled else [0.0] * self._motion.joints
+            angles = self._motion.angles if self._force is _Force.ENABLED else [0.0] * self._motion.joints
         self.samples.append(Sample(now, tuple(angles), measured))
 
     def _note_fault(self, text: str) -> None:
@@ -398,12 +430,11 @@ class IoThread:
         line = self._open_line()
         try:
             identity = self._backend.identify(line)
-            self._backend.disable(line)  # whatever an earlier driver, or this one before the cable was out, has left
-        except DeviceError:
+            self._disable(line)  # whatever an earlier driver, or this one before the cable was out, has left
+        except BaseException:
             line.close()
             raise
         self._line = line
-        self._enabled = False
         self._last_good = time.monotonic()
         self.health = replace(
             self.health, connected=True, identity=identity, reason="", fault="", connected_since=time.monotonic()
@@ -434,26 +465,25 @@ class IoThread:
     def _make_safe(self, hold: float = NEUTRAL_HOLD) -> None:
         """Send neutral and disable straight to the port; what fails is reported and does not stop the rest.
 
-        A device that could not be disabled counts as enabled, so that the next tick tries again.
+        What could not be disabled is tried again at the next tick.
         """
         line = self._line
         if line is None:
             return
-        if self._enabled:
+        if self._force is _Force.ENABLED:
             self._attempt(lambda: self._backend.send(line, self._motion.neutral()))
             time.sleep(hold)
-        if self._attempt(lambda: self._backend.disable(line)):
-            self._enabled = False
-        line.drain(NEUTRAL_HOLD)
+        self._attempt(lambda: self._disable(line))
+        self._attempt(lambda: line.drain(NEUTRAL_HOLD))
 
-    def _attempt(self, work: Callable[[], None]) -> bool:
-        """Do it, report a failure, and return whether it worked."""
+    def _attempt(self, work: Callable[[], None]) -> None:
+        """Do it; report a failure of any kind."""
         try:
             work()
         except DeviceError as error:
             self._report(f"while making the device safe: {error}")
-            return False
-        return True
+        except Exception as error:  # noqa: BLE001 - whatever is broken, the next step is to be done
+            self._report(f"while making the device safe: {error!r}")
 
     def _disconnect(self) -> None:
         if self._line is not None:
@@ -471,3 +501,14 @@ class IoThread:
             timeouts=self._tail.timeouts,
             operations=operations,
         )
+
+
+def _refuse_if_behind(line: OpenLine) -> None:
+    """Write nothing more to a line whose buffer is full of the past.
+
+    Raises:
+        LineStalledError: It is.
+    """
+    if line.is_behind():
+        msg = "the line is behind: the device takes its bytes too slowly; is its baud rate the configured one?"
+        raise LineStalledError(msg)

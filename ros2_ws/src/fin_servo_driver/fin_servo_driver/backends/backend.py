@@ -93,6 +93,8 @@ class Backend(ABC):
     options: ClassVar[tuple[str, ...]] = ()
     measures: ClassVar[bool] = False
     """Whether `read` tells where the servos stand."""
+    confirms: ClassVar[bool] = False
+    """Whether `disable` returns only once the device has answered that it took it."""
 
     def __init__(self, robot: Robot) -> None:
         """Take the robot's joints.

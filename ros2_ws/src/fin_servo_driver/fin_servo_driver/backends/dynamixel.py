@@ -135,6 +135,7 @@ class Dynamixel(Backend):
     def identify(self, line: Line) -> str:
         """Ping every id, and see to it that it is in position mode."""
         port, found = self._open(line), []
+    confirms = True
         for joint in self.robot.servos:
             servo = joint.channel
             model, result, _ = self._packets.ping(port, servo)

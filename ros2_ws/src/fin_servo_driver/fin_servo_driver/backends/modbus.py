@@ -66,6 +66,7 @@ class Modbus(RelayBackend):
     channels = range(64)
     rate = 50.0  # a frame and its answer take 17 ms at 9600 baud
     baud = 9600
+    confirms = True
     options = ("unit", "on_value")
 
     def __init__(self, robot: Robot) -> None:
