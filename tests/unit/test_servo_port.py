@@ -6,6 +6,7 @@ import errno
 import grp
 import os
 import pty
+import termios
 import tty
 from typing import TYPE_CHECKING
 
@@ -104,6 +105,38 @@ def test_an_unplugged_port_is_lost_in_every_call(ends: tuple[int, str]) -> None:
             call()
     line.drain(0.1)
     line.close()
+
+
+@pytest.mark.parametrize("function", ["tcsetattr", "tcflush"])
+def test_a_port_that_vanishes_while_it_is_opened_cannot_be_opened(
+    ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch, function: str
+) -> None:
+    def vanished(*_: object) -> None:
+        raise termios.error(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(termios, function, vanished)
+    with pytest.raises(PortUnavailableError, match="cannot be opened: Input/output error"):
+        SerialLine(ends[1], 57600)
+    monkeypatch.undo()
+    SerialLine(ends[1], 57600).close()
+
+
+def test_a_port_that_vanishes_later_is_lost_and_can_be_closed(
+    ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def vanished(*_: object) -> None:
+        raise termios.error(errno.EIO, os.strerror(errno.EIO))
+
+    line = SerialLine(ends[1], 57600)
+    line.write(b"123")
+    monkeypatch.setattr(serial.Serial, "out_waiting", 1000)
+    monkeypatch.setattr(serial.Serial, "_reconfigure_port", vanished)
+    monkeypatch.setattr(termios, "tcflush", vanished)
+    with pytest.raises(LineLostError, match="Input/output error"):
+        line.read(0.01)
+    line.close()
+    monkeypatch.undo()
+    SerialLine(ends[1], 57600).close()
 
 
 def test_a_line_that_takes_nothing_stalls_within_the_timeout(ends: tuple[int, str]) -> None:

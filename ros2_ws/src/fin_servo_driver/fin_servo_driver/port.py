@@ -8,6 +8,7 @@ import grp
 import os
 import re
 import stat
+import termios
 import time
 from pathlib import Path
 
@@ -19,6 +20,8 @@ WRITE_TIMEOUT = 0.05
 """s. Three set-points of a pulse servo: a line that takes none for so long is not worth waiting for."""
 FRAMES_WAITING = 2
 """Frames that may wait in the port's buffer; more are set-points of the past."""
+_GONE = (OSError, termios.error)
+"""What pyserial raises when a port has vanished. The second is no OSError, and comes out of pyserial as it is."""
 _NAME_THAT_CHANGES = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
@@ -40,7 +43,7 @@ class SerialLine:
             self._serial.timeout = 0.0
             self._serial.write_timeout = WRITE_TIMEOUT
             self._serial.open()
-        except (OSError, ValueError) as error:
+        except (*_GONE, ValueError) as error:
             raise PortUnavailableError(explain(port, error)) from error
 
     def write(self, data: bytes) -> None:
@@ -56,7 +59,7 @@ class SerialLine:
         except serial.SerialTimeoutException as error:
             msg = f"{self.port} took no bytes for {WRITE_TIMEOUT:g} s: is the device's buffer full, or flow control on?"
             raise LineStalledError(msg) from error
-        except OSError as error:
+        except _GONE as error:
             raise LineLostError(self._lost(error)) from error
 
     def read(self, timeout: float) -> bytes:
@@ -71,7 +74,7 @@ class SerialLine:
                 return self._serial.read(waiting) if waiting else b""
             self._serial.timeout = timeout
             return self._serial.read(1) + self._serial.read(self._serial.in_waiting)
-        except OSError as error:
+        except _GONE as error:
             raise LineLostError(self._lost(error)) from error
 
     def is_behind(self) -> bool:
@@ -84,7 +87,7 @@ class SerialLine:
             return bool(self._serial.out_waiting > FRAMES_WAITING * self._longest_frame)
         except (AttributeError, NotImplementedError):
             return False  # sockets and the like do not know
-        except OSError as error:
+        except _GONE as error:
             raise LineLostError(self._lost(error)) from error
 
     def drain(self, timeout: float) -> None:
@@ -94,26 +97,26 @@ class SerialLine:
             try:
                 if not self._serial.out_waiting:
                     return
-            except (OSError, AttributeError, NotImplementedError):
+            except (*_GONE, AttributeError, NotImplementedError):
                 return
             time.sleep(0.001)
 
     def close(self) -> None:
         """Close the port. One that is gone already is no error here; bytes that it does not take are given up."""
-        with contextlib.suppress(OSError, LineLostError):
+        with contextlib.suppress(*_GONE, LineLostError):
             if self.is_behind():
                 self._serial.reset_output_buffer()  # the kernel would wait for them for half a minute
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(*_GONE):
             self._serial.close()
 
-    def _lost(self, error: OSError) -> str:
-        return f"{self.port} was lost ({error}): is the cable in, and has the device power?"
+    def _lost(self, error: Exception) -> str:
+        return f"{self.port} was lost ({_text(error)}): is the cable in, and has the device power?"
 
 
 def explain(port: str, error: Exception) -> str:
     """Return why a port could not be opened, and what to do."""
     number = getattr(error, "errno", None)
-    text = str(error)
+    text = _text(error)
     path = Path(port)
     if number in {errno.ENOENT, errno.ENXIO, errno.ENODEV} or "No such file" in text:
         return f"port {port} is absent: is the device plugged in? {available()}"
@@ -127,6 +130,10 @@ def explain(port: str, error: Exception) -> str:
 def _permission_advice(path: Path) -> str:
     try:
         status = path.stat()
+def _text(error: Exception) -> str:
+    return str(error.args[1]) if isinstance(error, termios.error) else str(error)
+
+
         group = grp.getgrgid(status.st_gid).gr_name
     except (OSError, KeyError):
         return "ask the owner of the file for read and write access"
