@@ -94,7 +94,7 @@ class Child:
         for line in lines:
             if text := line.decode(errors="replace").rstrip():
                 self.last_words.append(text)
-                sys.stderr.write(f"[{self.name}] {text}\n")
+                _say(f"[{self.name}] {text}\n")
         return bool(chunk)
 
     def signal(self, number: int) -> None:
@@ -178,9 +178,9 @@ class Bringup:
         dead = [child for child in children if child.process.poll() is not None]
         for child in dead:
             child.echo()
-            sys.stderr.write(_obituary(child))
+            _say(_obituary(child))
         if self._fish:
-            sys.stderr.write(f"note: the study goes on without {gone[0]}\n")
+            _say(f"note: the study goes on without {gone[0]}\n")
             self._end_children(children)
         return True
 
@@ -196,7 +196,7 @@ class Bringup:
         if number:
             return 128 + number
         if code < 0:
-            sys.stderr.write(_obituary(self.optimizer))
+            _say(_obituary(self.optimizer))
             return EXIT_FAILURE
         return code
 
@@ -234,6 +234,11 @@ class Bringup:
             child.close()
         signal.set_wakeup_fd(-1)
         self._selector.close()
+
+
+def _say(text: str) -> None:
+    """Write it, on a terminal in the place of the optimiser's live line, which is drawn anew below."""
+    sys.stderr.write(f"\r\x1b[K{text}" if sys.stderr.isatty() else text)
 
 
 def _obituary(child: Child) -> str:

@@ -1,4 +1,4 @@
-"""What a person sees while a study runs: a live line on a terminal, one plain line a trial anywhere else."""
+"""What a person sees while a study runs: a line a trial, and on a terminal a live one below."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def display(stream: TextIO, total: int, settled: int, *, several: bool = False) 
     Where ``several`` fish swim, each line names the one.
     """
     if stream.isatty():
-        return LiveLine(stream, total, settled)
+        return LiveLine(stream, total, settled, several=several)
     return PlainLines(stream, total, settled, several=several)
 
 
@@ -85,6 +85,12 @@ class _TimeLeft:
         return show_time((time.monotonic() - self._begin) / done * max(self._total - settled, 0))
 
 
+def _line(trial: TrialRecord, total: int, *, several: bool) -> str:
+    counted = f"{trial.candidate + 1}/{total}"
+    fish = f"{trial.plant}  " if several else ""
+    return f"trial {trial.number:04d}  {counted:>7}  {fish}{summary(trial)}"
+
+
 class PlainLines:
     """One line a trial, for a file or a pipe."""
 
@@ -102,10 +108,8 @@ class PlainLines:
 
     def end(self, trial: TrialRecord, settled: int, best: Candidate | None) -> None:
         """Print the trial's line."""
-        counted = f"{trial.candidate + 1}/{self._total}"
-        left = self._left.text(settled)
-        fish = f"{trial.plant}  " if self._several else ""
-        self.say(f"trial {trial.number:04d}  {counted:>7}  {fish}{summary(trial)}  ({show_best(best)}, {left} left)")
+        line = _line(trial, self._total, several=self._several)
+        self.say(f"{line}  ({show_best(best)}, {self._left.text(settled)} left)")
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -116,9 +120,9 @@ class PlainLines:
 
 
 class LiveLine:
-    """A line that is redrawn in place; it fits 80 columns, and has a bar where there are more."""
+    """One line a trial, and below it one that is redrawn in place; it fits 80 columns, and has a bar in more."""
 
-    def __init__(self, stream: TextIO, total: int, settled: int) -> None:
+    def __init__(self, stream: TextIO, total: int, settled: int, *, several: bool = False) -> None:
         # Loaded only where there is a terminal: it takes a tenth of a second.
         from rich.console import Console  # noqa: PLC0415
         from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn  # noqa: PLC0415
@@ -130,6 +134,7 @@ class LiveLine:
             columns.insert(1, BarColumn(bar_width=16))
         self._total = total
         self._left = _TimeLeft(total, settled)
+        self._several = several
         self._drawn = self._begun = 0.0
         self._values = self._last = ""
         self._line = Progress(*columns, console=console, auto_refresh=False)
@@ -155,12 +160,10 @@ class LiveLine:
         self._line.update(self._task, now=f"{self._values}  {state}", refresh=True)
 
     def end(self, trial: TrialRecord, settled: int, best: Candidate | None) -> None:
-        """Take in the result; a trial without a score keeps a line of its own."""
-        if trial.outcome is Outcome.OK and trial.score is not None:
-            self._last = f"last {show_speed(trial.score)}"
-        else:
-            self.say(f"trial {trial.number:04d}  {summary(trial)}")
+        """Print the trial's line, and take the result into the one below."""
+        self._last = "" if trial.score is None else f"last {show_speed(trial.score)}"
         self._line.update(self._task, completed=settled, best=show_best(best), left=self._left.text(settled))
+        self.say(_line(trial, self._total, several=self._several))
 
     def say(self, text: str) -> None:
         """Print a line above the live one."""
