@@ -127,13 +127,13 @@ def explain(port: str, error: Exception) -> str:
     return f"port {port} cannot be opened: {text}. {available()}"
 
 
-def _permission_advice(path: Path) -> str:
-    try:
-        status = path.stat()
 def _text(error: Exception) -> str:
     return str(error.args[1]) if isinstance(error, termios.error) else str(error)
 
 
+def _permission_advice(path: Path) -> str:
+    try:
+        status = path.stat()
         group = grp.getgrgid(status.st_gid).gr_name
     except (OSError, KeyError):
         return "ask the owner of the file for read and write access"

@@ -113,6 +113,7 @@ class Dynamixel(Backend):
     rate = 100.0
     baud = 57600
     measures = True
+    confirms = True
 
     def __init__(self, robot: Robot) -> None:
         """Take the robot's joints.
@@ -135,7 +136,6 @@ class Dynamixel(Backend):
     def identify(self, line: Line) -> str:
         """Ping every id, and see to it that it is in position mode."""
         port, found = self._open(line), []
-    confirms = True
         for joint in self.robot.servos:
             servo = joint.channel
             model, result, _ = self._packets.ping(port, servo)
