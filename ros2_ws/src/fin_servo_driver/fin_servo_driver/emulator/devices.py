@@ -46,6 +46,10 @@ class Device(ABC):
         """Let time pass."""
         del now
 
+    def lose_power(self) -> None:
+        """Lose the supply for a moment."""
+        self.outputs = dict.fromkeys(self.outputs)
+
 
 class Firmata(Device):
     """An Uno with StandardFirmata: opening the port resets it, and it goes on pulsing when the host is silent."""
@@ -149,6 +153,9 @@ class Maestro(Device):
 class Dynamixel(Device):
     """A bus with Dynamixel X servos: control table, status packets, bus watchdog."""
 
+    # Registers of the control table that a restart clears.
+    _RAM = slice(64, 116)
+
     def __init__(self, servos: list[int], present: Callable[[int], float]) -> None:
         """Put servos on the bus; ``present`` tells where one stands, in ticks."""
         super().__init__()
@@ -176,6 +183,22 @@ class Dynamixel(Device):
             if 0 < limit < 128 and table[64] and now - self._heard > limit * dynamixel.WATCHDOG_UNIT:  # noqa: PLR2004
                 table[98] = 0xFF  # it holds where it is, and refuses goals until somebody writes 0
                 self.outputs[servo] = self._present(servo)
+
+    def reboot(self, servo: int) -> None:
+        """Start a servo anew, as after a dip of its supply: no torque, no watchdog."""
+        self.tables[servo][self._RAM] = bytes(len(self.tables[servo][self._RAM]))
+        self.outputs[servo] = None
+
+    def shut_down(self, servo: int, errors: int) -> None:
+        """Let a servo shut itself down with these bits of its hardware error status; the bus goes on as before."""
+        self.tables[servo][dynamixel.TORQUE_ENABLE[0]] = 0
+        self.tables[servo][70] = errors
+        self.outputs[servo] = None
+
+    def lose_power(self) -> None:
+        """Start all servos anew."""
+        for servo in self.tables:
+            self.reboot(servo)
 
     def _execute(self, packet: packets.Packet) -> bytes:
         data = packet.parameters

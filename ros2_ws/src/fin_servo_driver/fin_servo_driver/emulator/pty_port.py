@@ -1,4 +1,4 @@
-"""An emulated device on a pseudo-terminal, which can be unplugged, fall silent or lose bytes."""
+"""An emulated device on a pseudo-terminal, which can be unplugged, fall silent, lose bytes or be slow."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import select
 import threading
 import time
 import tty
+from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +17,33 @@ if TYPE_CHECKING:
 
     from fin_servo_driver.emulator.devices import Device
 
-_LOOK = 0.002
+_LOOK, _PACED_LOOK = 0.002, 0.0002
+_BITS_A_BYTE = 10
+"""With a start bit and a stop bit."""
 _BOOT = 0.05
 """s from the opening of the port to the device's first word; a real board takes longer, and who opens flushes first."""
+
+
+class _Way:
+    """One direction of the line: bytes arrive when the last of them is through."""
+
+    def __init__(self, baud: int, delay: float) -> None:
+        self._seconds_a_byte = _BITS_A_BYTE / baud if baud else 0.0
+        self._delay = delay
+        self._under_way: deque[tuple[float, bytes]] = deque()
+        self._free_at = 0.0
+
+    def put(self, data: bytes, now: float) -> None:
+        """Send bytes."""
+        self._free_at = max(self._free_at, now + self._delay) + len(data) * self._seconds_a_byte
+        self._under_way.append((self._free_at, data))
+
+    def take(self, now: float) -> bytes:
+        """Return what has arrived."""
+        arrived = b""
+        while self._under_way and self._under_way[0][0] <= now:
+            arrived += self._under_way.popleft()[1]
+        return arrived
 
 
 class PtyPort:
@@ -32,14 +57,27 @@ class PtyPort:
         received: All bytes that came from the driver since the last replug, if `keep` was asked for.
     """
 
-    def __init__(self, device: Device, path: Path, *, seed: int = 0, keep: bool = False) -> None:
-        """Plug the device in and start to serve it."""
+    def __init__(
+        self, device: Device, path: Path, *, seed: int = 0, keep: bool = False, baud: int = 0, delay: float = 0.0
+    ) -> None:
+        """Plug the device in and start to serve it.
+
+        Args:
+            device: The device.
+            path: Where its port is to be.
+            seed: Of the bytes that are lost.
+            keep: Whether to keep what is received.
+            baud: Bits a second of the line; 0 carries everything at once.
+            delay: s that every answer takes longer: what the device and a USB adapter wait.
+        """
         self.device = device
         self.path = path
         self.drop_rate = 0.0
         self.silent = False
         self.received = bytearray()
         self._keep = keep
+        self._baud = baud
+        self._delay = delay
         self._random = np.random.default_rng(seed)
         self._master: int | None = None
         self._is_open = False
@@ -70,6 +108,7 @@ class PtyPort:
             link.symlink_to(name)
             link.rename(self.path)
             self.received = bytearray()
+            self._to_device, self._to_driver = _Way(self._baud, 0.0), _Way(self._baud, self._delay)
             self._is_open = False
             self._master = master
 
@@ -82,7 +121,7 @@ class PtyPort:
             os.close(self._master)
             self._master = None
             if not powered:
-                self.device.outputs = dict.fromkeys(self.device.outputs)
+                self.device.lose_power()
 
     def close(self) -> None:
         """Unplug and stop serving."""
@@ -96,7 +135,7 @@ class PtyPort:
                 if self._master is not None:
                     self._serve_once(self._master, time.monotonic())
                 self.device.tick(time.monotonic())
-            self._ended.wait(_LOOK)
+            self._ended.wait(_PACED_LOOK if self._baud or self._delay else _LOOK)
 
     def _serve_once(self, master: int, now: float) -> None:
         """Notice that somebody opens the port, and serve what waits."""
@@ -108,7 +147,7 @@ class PtyPort:
             self._speaks_at = now + _BOOT
         if now >= self._speaks_at and not self.silent:
             self._speaks_at = float("inf")
-            self._answer(master, self.device.opened(now))
+            self._to_driver.put(self.device.opened(now), now)
         self._is_open = is_open
         if events & select.POLLIN:
             try:
@@ -118,7 +157,10 @@ class PtyPort:
             if self._keep:
                 self.received += data
             if not self.silent:
-                self._answer(master, self.device.feed(self._lossy(data), now))
+                self._to_device.put(self._lossy(data), now)
+        if arrived := self._to_device.take(now):
+            self._to_driver.put(self.device.feed(arrived, now), now)
+        self._answer(master, self._to_driver.take(now))
 
     def _answer(self, master: int, data: bytes) -> None:
         if data:
