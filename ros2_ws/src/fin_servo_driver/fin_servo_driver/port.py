@@ -45,6 +45,9 @@ class SerialLine:
             self._serial.open()
         except (*_GONE, ValueError) as error:
             raise PortUnavailableError(explain(port, error)) from error
+        # A USB adapter by FTDI otherwise keeps what it has received for 16 ms.
+        with contextlib.suppress(ValueError, NotImplementedError, OSError, AttributeError):
+            self._serial.set_low_latency_mode(True)
 
     def write(self, data: bytes) -> None:
         """Write all bytes.

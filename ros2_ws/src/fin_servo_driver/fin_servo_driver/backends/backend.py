@@ -86,8 +86,8 @@ class Backend(ABC):
     channels: ClassVar[range]
     lowest: ClassVar[float] = 0.0
     highest: ClassVar[float] = 1.0
-    rate: ClassVar[float]
-    """Set-points a second; the device or its servos gain nothing from more."""
+    rate: float
+    """Set-points a second: what the line carries; the device or its servos gain nothing from more."""
     baud: ClassVar[int]
     """Bits a second that the device has when bought."""
     options: ClassVar[tuple[str, ...]] = ()
@@ -147,7 +147,7 @@ class Backend(ABC):
         """Take force from the servos, or switch the relays off; must work whatever was done before."""
 
     def read(self, line: Line) -> Feedback:
-        """Return what the device has reported since the last call, without waiting longer than a millisecond or two."""
+        """Return what the device has reported since the last call; wait for an answer within the tick at most."""
         line.read(0.0)
         return NOTHING
 

@@ -7,15 +7,18 @@ servos' bus watchdog is armed with the torque: they stop by themselves when the 
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite
+from dynamixel_sdk import COMM_SUCCESS, GroupSyncWrite
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
-from fin_servo_driver.backends.backend import NOTHING, Backend, Feedback, LifeSign
-from fin_servo_driver.line import LineStalledError, WrongDeviceError
+from fin_servo_driver.backends.backend import NOTHING, Backend, Feedback
+from fin_servo_driver.line import LineLostError, LineStalledError, WrongDeviceError
 
 if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping, Sequence
+
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.set_points import Outputs
@@ -23,7 +26,7 @@ if TYPE_CHECKING:
 # Control table of the X series (ROBOTIS e-Manual): address and length.
 OPERATING_MODE = (11, 1)
 TORQUE_ENABLE = (64, 1)
-HARDWARE_ERROR = (70, 1)
+TORQUE_TO_HARDWARE_ERROR = (64, 7)
 BUS_WATCHDOG = (98, 1)
 GOAL_POSITION = (116, 4)
 PRESENT_POSITION = (132, 4)
@@ -32,11 +35,38 @@ POSITION_MODE = 3
 WATCHDOG_UNIT = 0.02
 WATCHDOG_SECONDS = 0.2
 XL320_MODEL = 350
+_WATCHDOG_ARMED = round(WATCHDOG_SECONDS / WATCHDOG_UNIT)
+_WATCHDOG_TRIPPED = 0xFF
 _ERRORS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
-_SYNC_READ_SECONDS = 0.006
-_HEALTH_EVERY, _SILENCE = 1.0, 0.5
-# The SDK reads until its own timeout says stop, which a stream of garbage can put off for ever.
-_LONGEST_READ = 0.25
+_LOWEST_TOLD, _HIGHEST_TOLD = -2048, 6144
+"""Ticks: a turn, and half of one to either side for a homing offset or a horn that was turned by hand."""
+# Answers of different lengths cannot be taken for one another.
+_HEALTH = (TORQUE_TO_HARDWARE_ERROR, BUS_WATCHDOG, PRESENT_VOLTAGE_AND_TEMPERATURE)
+_HEALTH_EVERY = 1.0 / len(_HEALTH)
+_SILENCE, _SILENCE_UNDER_FORCE = 0.5, 0.15
+"""s without an answer. Under force less than the bus watchdog's time, after which the servo stands still."""
+# Bytes of packets: sync write and sync read without their servos, a status packet without data, a ping, a goal.
+_SYNC_BYTES, _STATUS_BYTES, _PING_BYTES, _GOAL_BYTES = 14, 11, 10, 5
+_PING, _PING_DATA = 1, 3
+_ID_AT, _LENGTH_AT, _ERROR_AT = 4, 5, 8
+_LENGTH_BESIDE_DATA = 4
+_BITS_A_BYTE = 10
+_BAUDS = (57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
+_RATES = (100.0, 50.0)
+_RETURN_DELAY, _ADAPTER_DELAY = 0.0005, 0.001
+"""s: of a servo as it is bought, and of a USB adapter that hands bytes on at once."""
+_LOAD, _LOAD_AT_WORST = 0.8, 0.9
+"""Part of a tick that questions and answers take by calculation, and for which answers are waited for."""
+_PATIENCE_AT_REST = 0.02
+"""s beyond the time of the bytes, where no tick waits: also for an adapter that hands bytes on late."""
+
+
+def highest_rate(baud: int, servos: int) -> float:
+    """Return how many set-points a second a line carries with the positions that are read back, 0 for too few."""
+    goals = _SYNC_BYTES + _GOAL_BYTES * servos
+    question, answers = _SYNC_BYTES + servos, (_STATUS_BYTES + PRESENT_POSITION[1]) * servos
+    tick = (goals + question + answers) * _BITS_A_BYTE / baud + _ADAPTER_DELAY + servos * _RETURN_DELAY
+    return next((rate for rate in _RATES if tick <= _LOAD / rate), 0.0)
 
 
 class SdkPort:
@@ -47,7 +77,8 @@ class SdkPort:
         self.baudrate = baud
         self._line = line
         self._waiting = bytearray()
-        self._deadline = self._end = 0.0
+        self._deadline = 0.0
+        self._over = False
 
     def getBaudRate(self) -> int:  # noqa: N802
         """Return the bits a second."""
@@ -64,42 +95,34 @@ class SdkPort:
         return len(self._waiting)
 
     def readPort(self, length: int) -> bytes:  # noqa: N802
-        """Return up to ``length`` bytes, empty if none comes within a millisecond.
+        """Return up to ``length`` bytes, empty if none comes within a millisecond or the time is over.
 
-        Raises:
-            LineStalledError: Garbage has come for so long that no answer is to be expected.
+        What has come when the time is over still counts, and nothing later: garbage cannot put the end off.
         """
-        if time.monotonic() > self._end:
-            msg = "only garbage comes from the Dynamixel bus: check the baud rate, and that each id is there once"
-            raise LineStalledError(msg)
-        if not self._waiting:
-            self._waiting += self._line.read(0.001)
-        result = bytes(self._waiting[:length])
-        del self._waiting[:length]
+        if not self._waiting and not self._over:
+            self._over = time.monotonic() > self._deadline
+            self._waiting += self._line.read(0.0 if self._over else 0.001)
+        result = bytes(self._waiting[: max(0, length)])
+        del self._waiting[: len(result)]
         return result
 
     def writePort(self, packet: list[int]) -> int:  # noqa: N802
         """Write a packet."""
         self._line.write(bytes(packet))
-        self._end = time.monotonic() + _LONGEST_READ
         return len(packet)
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
-        """Wait for a packet as long as its bytes take, and 20 ms for an adapter that hands them on late."""
-        self.setPacketTimeoutMillis(packet_length * 10_000.0 / self.baudrate + 20.0)
+        """Wait for a packet as long as its bytes take, and for an adapter that hands them on late."""
+        self.setPacketTimeoutMillis(1000.0 * (packet_length * _BITS_A_BYTE / self.baudrate + _PATIENCE_AT_REST))
 
     def setPacketTimeoutMillis(self, msec: float) -> None:  # noqa: N802
         """Wait so many ms."""
         self._deadline = time.monotonic() + msec / 1000.0
+        self._over = False
 
     def isPacketTimeout(self) -> bool:  # noqa: N802
-        """Whether the wait is over."""
-        return time.monotonic() > self._deadline
-
-
-def signed(value: int) -> int:
-    """Return a register of four bytes as the signed number that it holds."""
-    return value - (1 << 32) if value >= 1 << 31 else value
+        """Whether the wait is over, and nothing is left that came in time."""
+        return self._over and not self._waiting
 
 
 class Dynamixel(Backend):
@@ -110,7 +133,6 @@ class Dynamixel(Backend):
     channels = range(253)
     lowest = 0.0
     highest = 4095.0
-    rate = 100.0
     baud = 57600
     measures = True
     confirms = True
@@ -119,54 +141,85 @@ class Dynamixel(Backend):
         """Take the robot's joints.
 
         Raises:
-            ValueError: Joints that this device cannot have.
+            ValueError: Joints that this device cannot have, or more than the line carries.
         """
         super().__init__(robot)
+        self._servos = [joint.channel for joint in robot.servos]
+        self._baud = robot.baud or self.baud
+        self.rate = highest_rate(self._baud, len(self._servos))
+        if not self.rate:
+            needed = next(baud for baud in _BAUDS if highest_rate(baud, len(self._servos)))
+            msg = (
+                f"{self._baud} baud carry no {_RATES[-1]:g} set-points a second for {len(self._servos)} Dynamixel: set "
+                f"them to {needed} or more with the Dynamixel Wizard, and write baud: {needed} into the robot file"
+            )
+            raise ValueError(msg)
+        self._wait = _LOAD_AT_WORST / self.rate
         self._packets = Protocol2PacketHandler()
         self._port: SdkPort | None = None
-        self._life = LifeSign(_HEALTH_EVERY, _SILENCE)
-        self._asked_health = 0
-
-    def _open(self, line: Line) -> SdkPort:
-        if self._port is None or self._port._line is not line:  # noqa: SLF001 - one file, two classes
-            self._port = SdkPort(line, self.robot.baud or self.baud)
-        self._port.is_using = False  # an exception out of our port leaves the SDK's flag behind
-        return self._port
+        self._under_force = False
+        self._heard: dict[int, float] = {}
+        self._asked_health = 0.0
+        self._turn = 0
 
     def identify(self, line: Line) -> str:
         """Ping every id, and see to it that it is in position mode."""
-        port, found = self._open(line), []
-        for joint in self.robot.servos:
-            servo = joint.channel
-            model, result, _ = self._packets.ping(port, servo)
-            if result != COMM_SUCCESS:
+        found = []
+        for servo in self._servos:
+            answer = self._ping(line, servo)
+            if answer is None:
                 msg = (
-                    f"no Dynamixel with id {servo} answers a ping at {self.robot.baud or self.baud} baud "
-                    f"({self._packets.getTxRxResult(result)}): check power, id and baud rate with the Dynamixel Wizard"
+                    f"no Dynamixel with id {servo} answers a ping at {self._baud} baud: check power, id and baud rate "
+                    f"with the Dynamixel Wizard (as bought: id 1, {self.baud} baud)"
                 )
                 raise WrongDeviceError(msg)
+            model = int.from_bytes(answer[:2], "little")
             if model == XL320_MODEL:
                 msg = f"id {servo} is an XL-320, with another control table and no bus watchdog: it is not supported"
                 raise WrongDeviceError(msg)
-            mode = self._read(line, servo, OPERATING_MODE)
-            if mode != POSITION_MODE:
-                msg = f"id {servo} is in operating mode {mode}: set position control mode (3) with the Dynamixel Wizard"
+            mode = self._read(line, [servo], OPERATING_MODE).get(servo)
+            if mode is None:
+                msg = f"id {servo} answers a ping, but does not tell its operating mode"
+                raise LineStalledError(msg)
+            if mode[0] != POSITION_MODE:
+                msg = (
+                    f"id {servo} is in operating mode {mode[0]}: set position control mode (3) with the Dynamixel "
+                    "Wizard"
+                )
                 raise WrongDeviceError(msg)
             found.append(f"id {servo} model {model}")
-        self._life = LifeSign(_HEALTH_EVERY, _SILENCE)
+        self._under_force = False
+        self._heard_all()
         return f"Dynamixel {', '.join(found)}"
 
-    def _read(self, line: Line, servo: int, register: tuple[int, int]) -> int:
-        """Return a register's value.
+    # -- packets -----------------------------------------------------------------------------------------------------
 
-        Raises:
-            LineStalledError: No valid answer.
-        """
-        data, result, _ = self._packets.readTxRx(self._open(line), servo, *register)
-        if result != COMM_SUCCESS or len(data) < register[1]:
-            msg = f"id {servo} does not answer: {self._packets.getTxRxResult(result)}"
-            raise LineStalledError(msg)
-        return int.from_bytes(bytes(data[: register[1]]), "little")
+    def _open(self, line: Line) -> SdkPort:
+        if self._port is None or self._port._line is not line:  # noqa: SLF001 - one file, two classes
+            self._port = SdkPort(line, self._baud)
+        self._port.is_using = False  # an exception out of our port leaves the SDK's flag behind
+        return self._port
+
+    def _ping(self, line: Line, servo: int) -> bytes | None:
+        """Return the data of the answer to a ping, None without one."""
+        port = self._open(line)
+        packet = [0] * _PING_BYTES
+        packet[_ID_AT], packet[_LENGTH_AT], packet[_LENGTH_AT + 2] = servo, 3, _PING
+        self._packets.txPacket(port, packet)
+        port.setPacketTimeout(_PING_BYTES + _STATUS_BYTES + _PING_DATA)
+        answer = self._answers(port, [servo], _PING_DATA).get(servo)
+        return None if answer is None else answer[1:]
+
+    def _read(
+        self, line: Line, servos: Sequence[int], register: tuple[int, int], wait: float | None = None
+    ) -> dict[int, bytes]:
+        """Return what the servos have in a register; missing are those that have not answered after ``wait`` s."""
+        port = self._open(line)
+        address, length = register
+        self._packets.syncReadTx(port, address, length, servos, len(servos), False)  # noqa: FBT003 - the SDK's own
+        if wait is not None:
+            port.setPacketTimeoutMillis(1000.0 * wait)
+        return {servo: answer[1:] for servo, answer in self._answers(port, servos, length).items()}
 
     def _write(self, line: Line, servo: int, register: tuple[int, int], value: int) -> None:
         """Write a register and wait for the answer.
@@ -174,21 +227,41 @@ class Dynamixel(Backend):
         Raises:
             LineStalledError: No answer, or a refusal.
         """
+        port = self._open(line)
         address, length = register
-        data = list(value.to_bytes(length, "little"))
-        result, error = self._packets.writeTxRx(self._open(line), servo, address, length, data)
-        if result != COMM_SUCCESS or error & 0x7F:
-            reason = self._packets.getTxRxResult(result) if result else self._packets.getRxPacketError(error & 0x7F)
+        self._packets.writeTxOnly(port, servo, address, length, list(value.to_bytes(length, "little")))
+        port.setPacketTimeout(2 * _STATUS_BYTES + length)
+        answer = self._answers(port, [servo], 0).get(servo)
+        if answer is None or answer[0] & 0x7F:
+            reason = "no answer" if answer is None else self._packets.getRxPacketError(answer[0] & 0x7F)
             msg = f"id {servo} did not take {value} at address {address}: {reason}"
             raise LineStalledError(msg)
+
+    def _answers(self, port: SdkPort, servos: Collection[int], length: int) -> dict[int, bytes]:
+        """Return error number and data of the status packets, by id, until all have come or the time is over.
+
+        A packet of another length is a late answer to another question, and passed over.
+        """
+        found: dict[int, bytes] = {}
+        while len(found) < len(servos) and not port.isPacketTimeout():
+            packet, result = self._packets.rxPacket(port, False)  # noqa: FBT003 - the SDK's own
+            if result != COMM_SUCCESS or packet[_ID_AT] not in servos:
+                continue
+            if packet[_LENGTH_AT] | packet[_LENGTH_AT + 1] << 8 == length + _LENGTH_BESIDE_DATA:
+                found[packet[_ID_AT]] = bytes(packet[_ERROR_AT : _ERROR_AT + 1 + length])
+        return found
+
+    # -- the tail ----------------------------------------------------------------------------------------------------
 
     def enable(self, line: Line, neutral: Outputs) -> None:
         """Clear and arm the bus watchdog, and switch the torque on; the servo then holds where it stands."""
         del neutral  # the driver leads the tail there from where it stands, at the joint's rate
-        for joint in self.robot.servos:
-            self._write(line, joint.channel, BUS_WATCHDOG, 0)
-            self._write(line, joint.channel, TORQUE_ENABLE, 1)
-            self._write(line, joint.channel, BUS_WATCHDOG, round(WATCHDOG_SECONDS / WATCHDOG_UNIT))
+        self._under_force = True  # before it is: what fails half-way must show
+        for servo in self._servos:
+            self._write(line, servo, BUS_WATCHDOG, 0)
+            self._write(line, servo, TORQUE_ENABLE, 1)
+            self._write(line, servo, BUS_WATCHDOG, _WATCHDOG_ARMED)
+        self._heard_all()
 
     def send(self, line: Line, outputs: Outputs) -> None:
         """Write all goal positions in one packet."""
@@ -206,48 +279,100 @@ class Dynamixel(Backend):
         Raises:
             LineStalledError: One did not confirm it.
         """
+        self._under_force = False
         failures = []
-        for joint in self.robot.servos:
+        for servo in self._servos:
             try:
-                self._write(line, joint.channel, TORQUE_ENABLE, 0)
-                self._write(line, joint.channel, BUS_WATCHDOG, 0)
+                self._write(line, servo, TORQUE_ENABLE, 0)
+                self._write(line, servo, BUS_WATCHDOG, 0)
             except LineStalledError as error:
                 failures.append(str(error))
         if failures:
             raise LineStalledError("; ".join(failures))
 
     def read(self, line: Line) -> Feedback:
-        """Read all positions; once a second voltage, temperature and errors of one servo in turn."""
-        group = GroupSyncRead(self._open(line), self._packets, *PRESENT_POSITION)
-        for joint in self.robot.servos:
-            group.addParam(joint.channel)
-        port = self._open(line)
-        try:
-            group.txPacket()
-            port.setPacketTimeoutMillis(1000.0 * _SYNC_READ_SECONDS * len(self.robot.servos))
-            group.rxPacket()
-        except IndexError:  # the SDK's reaction to a packet that is cut short
-            self._life.due()
-            return NOTHING
-        finally:
-            port.is_using = False
-        positions = {
-            joint.channel: float(signed(group.getData(joint.channel, *PRESENT_POSITION)))
-            for joint in self.robot.servos
-            if group.isAvailable(joint.channel, *PRESENT_POSITION)
-        }
-        if positions:
-            self._life.heard()
-        return self._health(line, positions) if self._life.due() else Feedback(positions)
+        """Read all positions; once a second also whether the servos have force, their errors, voltage, temperature.
 
-    def _health(self, line: Line, positions: dict[int, float]) -> Feedback:
-        servo = self.robot.servos[self._asked_health % len(self.robot.servos)].channel
-        self._asked_health += 1
-        try:
-            packed = self._read(line, servo, PRESENT_VOLTAGE_AND_TEMPERATURE)
-            bits = self._read(line, servo, HARDWARE_ERROR)
-        except LineStalledError as error:
-            return Feedback(positions, fault=str(error))
-        faults = [text for bit, text in _ERRORS.items() if bits >> bit & 1]
-        fault = f"id {servo}: {', '.join(faults)}" if faults else ""
-        return Feedback(positions, (packed & 0xFFFF) / 10.0, float(packed >> 16), fault)
+        Raises:
+            LineLostError: A servo has fallen silent, or has let go by itself.
+        """
+        answers = self._read(line, self._servos, PRESENT_POSITION, self._wait)
+        self._note_answers(answers)
+        told = {servo: int.from_bytes(data, "little", signed=True) for servo, data in answers.items()}
+        positions = {servo: float(ticks) for servo, ticks in told.items() if _LOWEST_TOLD <= ticks <= _HIGHEST_TOLD}
+        health = self._health(line) if time.monotonic() - self._asked_health >= _HEALTH_EVERY else NOTHING
+        strange = [f"id {servo} stands at {told[servo]}, outside a turn" for servo in told.keys() - positions.keys()]
+        faults = [*strange, *([health.fault] if health.fault else [])]
+        return replace(health, positions=positions, fault="; ".join(faults))
+
+    def _heard_all(self) -> None:
+        self._heard = dict.fromkeys(self._servos, time.monotonic())
+
+    def _note_answers(self, answered: Collection[int]) -> None:
+        """Note who has answered just now.
+
+        Raises:
+            LineLostError: A servo was silent for too long. Under force one that answers again counts too: its bus
+                watchdog may have tripped.
+        """
+        now = time.monotonic()
+        longest = _SILENCE_UNDER_FORCE if self._under_force else _SILENCE
+        for servo, heard in self._heard.items():
+            if now - heard > longest and (self._under_force or servo not in answered):
+                msg = (
+                    f"id {servo} has fallen silent: no answer for {now - heard:.2f} s; has it power, and is the "
+                    "adapter's latency_timer 1 ms?"
+                )
+                raise LineLostError(msg)
+        self._heard.update(dict.fromkeys(answered, now))
+
+    def _health(self, line: Line) -> Feedback:
+        """Ask all servos for the next part of their health; ask again in the next tick if not all answer."""
+        register = _HEALTH[self._turn % len(_HEALTH)]
+        told = self._read(line, self._servos, register, self._wait)
+        if len(told) == len(self._servos):
+            self._asked_health = time.monotonic()
+            self._turn += 1
+        if register is BUS_WATCHDOG:
+            self._require_watchdog(told)
+        elif register is TORQUE_TO_HARDWARE_ERROR:
+            return Feedback(fault=self._errors(told))
+        elif told:
+            voltage = min(int.from_bytes(data[:2], "little") for data in told.values()) / 10.0
+            return Feedback(voltage=voltage, temperature=float(max(data[2] for data in told.values())))
+        return NOTHING
+
+    def _errors(self, told: Mapping[int, bytes]) -> str:
+        """Return what the servos complain about.
+
+        Raises:
+            LineLostError: One has no torque that should have.
+        """
+        faults = []
+        for servo, data in told.items():
+            errors = ", ".join(text for bit, text in _ERRORS.items() if data[-1] >> bit & 1)
+            if self._under_force and data[0] != 1:
+                raise LineLostError(_has_let_go(servo, errors))
+            faults += [f"id {servo}: {errors}"] if errors else []
+        return "; ".join(faults)
+
+    def _require_watchdog(self, told: Mapping[int, bytes]) -> None:
+        """Make sure that the bus watchdogs are armed while the servos have force.
+
+        Raises:
+            LineLostError: One is not.
+        """
+        for servo, (value,) in told.items():
+            if self._under_force and value == _WATCHDOG_TRIPPED:
+                msg = (
+                    f"id {servo} stands still: its bus watchdog has tripped, not a packet came through for "
+                    f"{WATCHDOG_SECONDS:g} s; check cable and adapter"
+                )
+                raise LineLostError(msg)
+            if self._under_force and value != _WATCHDOG_ARMED:
+                raise LineLostError(_has_let_go(servo, ""))
+
+
+def _has_let_go(servo: int, errors: str) -> str:
+    cause = errors or "it has started anew"
+    return f"id {servo} has let go: {cause}; does the tail move freely, and is the supply strong enough?"
