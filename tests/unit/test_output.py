@@ -29,6 +29,7 @@ def test_a_line_is_written_at_once(stream: str, unbuffered: str) -> None:
         stderr=subprocess.STDOUT,
         env=os.environ | {"PYTHONUNBUFFERED": unbuffered},
     ) as process:
+        assert process.stdout is not None
         assert select.select([process.stdout], [], [], 20.0)[0], "nothing came while the process was running"
         assert process.communicate()[0] == b"a line\n"
     assert process.returncode == 0

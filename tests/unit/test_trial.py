@@ -225,6 +225,23 @@ def test_a_bag_that_cannot_be_written_fails_the_trial(phase: str) -> None:
     assert rehearsal.failure == f"{phase}: disk full"
 
 
+def test_an_emergency_stop_is_no_attempt_at_the_fin_and_its_release_is_waited_for() -> None:
+    latched = PlantState(
+        State.FAULT, "robot", 50 * SECOND, "the emergency stop is latched", SHOWN, {"waiting_for": "release"}
+    )
+    swimming, next_one = Rehearsal(), Rehearsal()
+    swimming.reach("measure")
+    swimming.seen.plant = latched
+    swimming.update()
+    assert "the emergency stop is latched" in swimming.failure
+    assert not swimming.is_attempt
+    next_one.reach("wait until it is at rest")
+    next_one.seen.plant = latched
+    next_one.update(1e6)
+    assert next_one.trial.phase == "wait until it is at rest"
+    next_one.reach("measure")
+
+
 def test_a_fault_of_an_earlier_trial_is_cleared_first() -> None:
     rehearsal = Rehearsal()
     rehearsal.seen.plants = ("/fish/simulator",)

@@ -41,7 +41,6 @@ _LOOK_PERIOD = 0.02
 """s between two looks at facts that come without a callback: the graph, and time itself."""
 _FAST_LOOK_PERIOD = 0.002
 """s, while a plant swims far faster than real time: it must not go on long after its window."""
-_WAITING = (State.WAITING_FOR_FIN, State.WAITING_FOR_RESET)
 _MOMENT = 3.0
 """s after which a person is told that the fish waits; an emulated operator answers within one."""
 _NO_PART_OF_THE_FISH = ("speed", "publish_clock", "command_timeout")
@@ -139,7 +138,7 @@ class Lane:
         """Return, once, what a person has to do if the fish waits for one longer than for a moment; else nothing."""
         state = self.plant.state
         waiting = ""
-        if self.trial is not None and state is not None and state.state in _WAITING:
+        if self.trial is not None and state is not None and state.waits_for_people:
             waiting = state.reason or state.state.value
         if waiting != self._waiting:
             self._waiting, self._waiting_since = waiting, now

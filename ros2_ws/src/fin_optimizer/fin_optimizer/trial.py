@@ -319,6 +319,7 @@ class Trial:
         no_attempt = (
             self._index < _GAIT_IS_ON
             or len(facts.plants) > 1
+            or (facts.plant is not None and facts.plant.waits_for_people)
             or bool(facts.recorder_failure or facts.other_fish or self._changed(facts))
         )
         return Result(Outcome.FAILED, f"{self.phase}: {trouble}", interrupted=no_attempt)
@@ -410,7 +411,7 @@ class Trial:
 
     def _limit(self, phase: Phase, facts: Facts) -> float:
         """Return the seconds that the phase may last without progress, 0 for no limit."""
-        if phase.patience == "plant" and facts.plant is not None and facts.plant.state in _WAITING:
+        if phase.patience == "plant" and facts.plant is not None and facts.plant.waits_for_people:
             return self._timeouts.people
         return float(getattr(self._timeouts, phase.patience))
 

@@ -30,7 +30,7 @@ class PlantState:
         stamp: Time of the plant in ns at which the state began. A reset or another fin begins the state anew.
         reason: Why, for FAULT and the waiting states.
         fin: The fin mounted, as parameters by name.
-        details: Further facts, by name.
+        details: Further facts, by name; ``waiting_for`` is what somebody must do at the plant.
     """
 
     state: State
@@ -39,3 +39,9 @@ class PlantState:
     reason: str = ""
     fin: Mapping[str, str] = field(default_factory=dict)
     details: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def waits_for_people(self) -> bool:
+        """Whether somebody must do something at the plant: mount a fin, or release an emergency stop."""
+        waits = self.state in {State.WAITING_FOR_FIN, State.WAITING_FOR_RESET}
+        return waits or bool(self.details.get("waiting_for"))
