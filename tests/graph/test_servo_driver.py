@@ -18,10 +18,10 @@ from std_msgs.msg import Float64MultiArray
 
 from fin_plant import topics
 from fin_plant.gait import PAPER_GAIT, carangiform
-from fin_plant.messages import gait_message, nanoseconds_of
+from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
 from fin_plant.plant_state import State
 from fin_servo_driver.backends import lcus
-from fin_servo_driver.emulator.devices import Firmata, SilentRelays
+from fin_servo_driver.emulator.devices import Firmata, Modbus, SilentRelays
 from fin_servo_driver.wall_clock import stamp_of
 from support.random_gaits import random_gaits
 from support.robot_client import (
@@ -109,7 +109,7 @@ def test_it_is_silent_until_it_is_armed(driver: StartedProcess, client: RobotCli
     assert bytes(port.received) == b""
     assert client.change_state(CONFIGURE)
     client.spin(1.5)
-    assert set(port.received) <= {0xF9, 0xFF}  # it takes force from all pins and asks for the version, nothing else
+    assert set(port.received) <= {0xF7, 0xF9, 0xFF}  # it takes force from all pins and asks for the version, no more
     state = client.state()
     assert state is not None
     assert state.state is State.WAITING_FOR_FIN
@@ -509,6 +509,42 @@ def test_lost_bytes_never_lead_beyond_the_limits(driver: StartedProcess, client:
     widths = recorder(port).widths
     assert all(1056.0 <= width <= 1892.0 for width in widths)
     assert sum(LOWEST <= width <= HIGHEST for width in widths) > 0.8 * len(widths)
+
+
+class Deaf(Modbus):
+    """A board that hears, while `deaf`, only each third order to switch."""
+
+    def __init__(self) -> None:
+        super().__init__(1)
+        self.deaf = False
+        self.orders = 0
+
+    def _execute(self, frame: bytes) -> bytes:
+        if frame[1] == 0x05:
+            self.orders += 1
+            if self.deaf and self.orders % 3:
+                return b""
+        return super()._execute(frame)
+
+
+def test_a_device_that_takes_long_to_start_is_one_swim(
+    start: Callable[..., StartedProcess], client: RobotClient, tmp_path: Path
+) -> None:
+    board = Deaf()
+    with plugged_in(board, tmp_path) as port:
+        start_driver(start, "robot_file:=modbus", f"port:={port.path}")
+        client.make_ready()
+        before = len(client.received(topics.PLANT_STATE))
+        board.deaf = True
+        board.orders = 0
+        client.publish_gait(gait_message(carangiform(math.radians(15.0), 1.0).rows()), repeat=True)
+        client.wait_until(lambda: board.orders > 5, "the relays' start")
+        board.deaf = False
+        client.wait_until(lambda: any(board.outputs.values()), "a stroke")
+        client.spin(0.5)
+        states = [plant_state_from_message(message) for message in client.received(topics.PLANT_STATE)[before:]]
+        assert {state.state for state in states} == {State.SWIMMING}
+        assert len({state.stamp for state in states}) == 1
 
 
 def test_relays_swim_and_their_operations_are_counted(

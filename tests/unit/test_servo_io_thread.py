@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_plant.gait import PAPER_GAIT
+from fin_plant.gait import PAPER_GAIT, smooth_step
 from fin_servo_driver import backends, io_thread, robot_file
 from fin_servo_driver.emulator import packets
 from fin_servo_driver.emulator.devices import Device, Dynamixel, Firmata
@@ -451,7 +451,7 @@ def test_an_unforeseen_failure_still_ends_neutral_and_disabled(recwarn: pytest.W
         wait_until(lambda: not thread.alive, 2.0, "the end of the thread")
     finally:
         threading.excepthook = hook
-    assert bytes(line.written[-4:]) == b"\xe9\x5c\x0b\xff"  # neutral, then the reset
+    assert bytes(line.written[-5:]) == b"\xe9\x5c\x0b\xf7\xff"  # neutral, then the reset
     assert line.closed
     assert thread.health.connected is False
     assert any("ZeroDivisionError" in report for report in reports)
@@ -645,3 +645,60 @@ def test_what_was_confirmed_is_not_repeated(rig: Rig, monkeypatch: pytest.Monkey
     wait_until(lambda: time.monotonic() - begin > 2.0 * io_thread.REPEAT_SECONDS, 3.0, "two repetitions")
     assert switched == []
     monkeypatch.undo()
+
+
+def test_a_tail_is_said_to_follow_while_its_device_is_still_being_enabled(monkeypatch: pytest.MonkeyPatch) -> None:
+    line = Broken()
+    thread, _ = thread_on(line, [])
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+    is_enabled = threading.Event()
+    monkeypatch.setattr(thread._backend, "enable", lambda *_: is_enabled.wait(5.0))
+    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+    try:
+        wait_until(lambda: thread.health.phase is Phase.FOLLOWING, 1.0, "the phase")
+        assert thread.health.ticks == 0
+    finally:
+        is_enabled.set()
+    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
+    thread.close()
+
+
+def test_servos_that_tell_late_where_they_stand_start_from_there_without_a_jump(tmp_path: Path) -> None:
+    class Late(Dynamixel):
+        mute = False
+
+        def __init__(self, servo: int) -> None:
+            super().__init__([servo], lambda _: 2048.0)
+            self.goals: list[tuple[float, float]] = []
+
+        def _execute(self, packet: packets.Packet) -> bytes:
+            answer = super()._execute(packet)
+            self.goals += [(time.monotonic(), goal) for goal in self.outputs.values() if goal is not None]
+            return b"" if self.mute and packet.instruction == packets.SYNC_READ else answer
+
+    servo = robot_file.load(robot_file.find("dynamixel")).servos[0]
+    bus = Late(servo.channel)
+    made = rig_of("dynamixel", tmp_path, bus)
+    made.thread.start()
+    arm(made)
+    bus.mute = True
+    wait_until(lambda: not made.thread._feedback.positions, 1.0, "silence about the position")
+    begin = tells_since = time.monotonic()
+    gait = made.motion.allowed(PAPER_GAIT, 0.2617, 5.0)
+    while made.thread.health.ticks < 30:
+        now = time.monotonic()
+        assert now - begin < 3.0, made.thread.health
+        if bus.mute and now - begin > 0.25:  # the gait has almost reached its largest angle
+            tells_since = now
+            bus.mute = False
+        made.thread.mailbox.put(Command(gait, now, begin))
+        time.sleep(0.02)
+    made.thread.close()
+    made.port.close()
+    times, goals = np.array(bus.goals).T
+    angles = np.abs([servo.angle_at(goal) for goal in goals])
+    ramp = smooth_step((times - tells_since) / 0.2)[0]
+    assert np.all(angles <= gait.joints[0].amplitude * ramp + 0.01)
+    assert np.max(angles) > 0.05

@@ -240,6 +240,30 @@ def test_what_repeats_a_gait_of_before_a_cut_starts_it_anew() -> None:
     assert tail.tick(2.36) == NEUTRAL
 
 
+@pytest.mark.parametrize("late", [0.1, 0.29, 0.8])
+def test_a_gait_that_starts_late_starts_from_rest_and_keeps_its_phase(late: float) -> None:
+    tail = armed(None)
+    tail.command(Command(PAPER_GAIT, late, since=0.0), {})
+    times = np.arange(late, 3.0, PERIOD)
+    way = positions([(now, outputs[9]) for now in times if (outputs := tail.tick(now)) is not None])
+    assert way[0] == 1500.0
+    fastest = 573.0 * math.radians(15.0) * 2.0 * math.pi * 0.9
+    assert np.max(np.abs(np.diff(way))) < 1.6 * fastest * PERIOD
+    assert np.max(np.abs(np.diff(way[:3]))) < 0.1 * fastest * PERIOD
+    settled = times > late + 0.5
+    angles = math.radians(15.0) * np.sin(2.0 * math.pi * 0.9 * times[settled])
+    assert np.array(way)[settled] == pytest.approx(1500.0 + 573.0 * angles, abs=1e-6)
+
+
+def test_a_gait_without_a_ramp_starts_at_once_also_late() -> None:
+    tail = armed(None, ramp_time=0.0)
+    tail.command(Command(carangiform(0.1, 1.0), 0.25, since=0.0), {})
+    for now in (0.25, 0.27):
+        outputs = tail.tick(now)
+    assert outputs is not None
+    assert outputs[9] == pytest.approx(1500.0 + 573.0 * 0.1 * math.sin(2.0 * math.pi * 0.27))
+
+
 def test_a_slow_joint_is_led_to_neutral_at_its_own_rate() -> None:
     slow = ServoMotion([replace(JOINT, rate=0.3)], PERIOD)
     tail = armed(None, subject=slow)

@@ -54,10 +54,12 @@ MEASURED, COMMANDED = "measured", "commanded"
 """What joint_states carries, as its frame_id: a joint state has no frame of its own."""
 # What a line that stalls may add to the time that the tail takes to neutral.
 _STALL_SECONDS = 1.6
-# The I/O thread takes a command within a tick; after this it is known that it did not.
+# The I/O thread takes a command within a tick, unless the device keeps it waiting; after this it is given up.
 _TAKE_SECONDS = 0.3
 _ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
 _NICE = -10
+_TIMED_OUT = "no fresh gait within command_timeout: the tail returned to neutral"
+_NOT_STARTED = f"the tail did not start within {_TAKE_SECONDS:g} s: the device answers too slowly"
 _EMERGENCY = "the emergency stop is latched: release it with ~/estop false"
 
 
@@ -357,9 +359,9 @@ class ServoDriver:
     # -- callbacks ---------------------------------------------------------------------------------------------------
 
     def _on_gait(self, message: Float64MultiArray) -> None:
-        now = time.monotonic()
         if self._io is not None:
             self._follow_phase(self._io)
+        now = time.monotonic()
         try:
             gait = self._accepted(gait_from_message(message))
         except (ValueError, DeviceError) as error:
@@ -464,7 +466,7 @@ class ServoDriver:
         return _ACTIVE_LOOK if self._armed else _IDLE_LOOK
 
     def _follow_phase(self, io: IoThread) -> None:
-        """Notice that the tail has stopped by itself: the commander fell silent, or the device was lost."""
+        """Notice that the tail has stopped by itself, or has not started: no fresh gait, or something of the device."""
         if self._sent is None:
             return
         following = io.health.phase in {Phase.FOLLOWING, Phase.STOPPING}
@@ -472,9 +474,10 @@ class ServoDriver:
         overdue = time.monotonic() - self._gait_since > _TAKE_SECONDS
         if following or not (self._followed or overdue):
             return
+        io.stop_tail()  # it may be about to start: what is said of it here must stay true
         reason = io.health.refusal
         if not reason and self._swimming_since is not None and io.health.connected:
-            reason = "no fresh gait within command_timeout: the tail returned to neutral"
+            reason = _TIMED_OUT if self._followed else _NOT_STARTED
         if reason:
             self._log.warning(reason)
         self._rest(reason)

@@ -6,13 +6,18 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
-from fin_plant.gait import Gait, GaitFollower
+import numpy as np
+
+from fin_plant.gait import Gait, GaitFollower, smooth_step
 from fin_servo_driver.safety import SetPointLimiter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from fin_servo_driver.robot_file import ServoJoint
+
+_LATE_PERIODS = 3.0
+"""A gait that is later than this when its first set-point is sent is ramped from then on."""
 
 Outputs = dict[int, float]
 """What is sent to each channel: a position in the device's unit, or 1 and 0 for a relay on and off."""
@@ -73,6 +78,9 @@ class ServoMotion:
         self._period = period
         self._limiters = [SetPointLimiter(joint, 2.0 * period) for joint in joints]
         self._follower = GaitFollower(len(joints), 0.0)
+        self._ramp_time = 0.0
+        self._late_start = -math.inf
+        self._since: float | None = None
         self._last: float | None = None
 
     @property
@@ -101,7 +109,9 @@ class ServoMotion:
     def restart(self, ramp_time: float, measured: Mapping[int, float]) -> None:
         """Begin anew from neutral, or from where the servos say that they stand."""
         self._follower = GaitFollower(len(self._joints), ramp_time)
-        self._last = None
+        self._ramp_time = ramp_time
+        self._late_start = -math.inf
+        self._since = self._last = None
         for index, (limiter, joint) in enumerate(zip(self._limiters, self._joints, strict=True)):
             known = joint.channel in measured
             self.angles[index] = joint.angle_at(measured[joint.channel]) if known else 0.0
@@ -109,13 +119,16 @@ class ServoMotion:
 
     def command(self, gait: Gait, time: float) -> None:
         """Follow a gait from ``time`` s on."""
+        self._since = time if self._since is None else self._since
         self._follower.command(gait, time)
 
     def outputs(self, now: float, scale: float) -> Outputs:
         """Return the position of each channel at ``now`` s."""
+        if self._last is None and self._since is not None and now - self._since > _LATE_PERIODS * self._period:
+            self._late_start = now
         elapsed = self._period if self._last is None else now - self._last
         self._last = now
-        wanted = self._follower.motion([now])[0, :, 0]
+        wanted = self._late_ramp(now) * self._follower.motion([now])[0, :, 0]
         result: Outputs = {}
         for index, (limiter, joint) in enumerate(zip(self._limiters, self._joints, strict=True)):
             set_point = limiter.limit(scale * float(wanted[index]), elapsed)
@@ -123,6 +136,11 @@ class ServoMotion:
             self.angles[index] = set_point.angle
             result[joint.channel] = set_point.position
         return result
+
+    def _late_ramp(self, now: float) -> float:
+        """Return a factor from 0 to 1: the tail starts late from rest, and the gait keeps the phase it has by then."""
+        elapsed = now - self._late_start
+        return float(smooth_step(np.array(elapsed / self._ramp_time))[0]) if elapsed < self._ramp_time else 1.0
 
     def neutral(self) -> Outputs:
         """Return the centres."""

@@ -41,8 +41,8 @@ class Command:
     Attributes:
         gait: Inside all limits.
         time: s of the monotonic clock at which it was received; it is fresh from then on.
-        since: s at which the gait was first received, where this command repeats it: the gait starts then, also where
-            the repetition took the first one's place before anybody saw it. None if this is the first.
+        since: s at which the gait was first received, where this command repeats it: the gait's phase counts from then,
+            also where the repetition took the first one's place before anybody saw it. None if this is the first.
     """
 
     gait: Gait
