@@ -30,7 +30,9 @@ from support.robot_client import (
     CLEAN_UP,
     CONFIGURE,
     DEACTIVATE,
+    FINALIZED,
     INACTIVE,
+    SHUT_DOWN,
     UNCONFIGURED,
     RobotClient,
     plugged_in,
@@ -246,6 +248,49 @@ def test_the_emergency_stop_is_at_once_and_latched(driver: StartedProcess, clien
     client.wait_for_state(State.WAITING_FOR_RESET)
     client.spin(0.5)
     assert len(recorder(port).widths) == sent
+    assert client.reset().success
+    client.wait_for_state(State.SWIMMING)
+
+
+@pytest.mark.parametrize("transition", [DEACTIVATE, SHUT_DOWN])
+def test_the_emergency_stop_does_not_wait_for_a_tail_that_is_led_to_neutral(
+    start: Callable[..., StartedProcess], client: RobotClient, tmp_path: Path, transition: int
+) -> None:
+    joint = {"channel": 9, "centre": 1500, "direction": 1, "units_per_radian": 573, "lowest": 1200, "highest": 1800}
+    robot = robot_with(tmp_path, joints=[{**joint, "rate": 0.1}])  # back at neutral after five seconds
+    with plugged_in(Recorder(), tmp_path) as port:
+        start_driver(start, f"robot_file:={robot}")
+        client.make_ready()
+        client.publish_gait(gait_message([[0.0, 0.9, 0.0, 0.2]]), repeat=True)
+        client.wait_until(lambda: max(recorder(port).widths, default=0.0) > 1550.0, "the way to the left")
+        ended = client.ask_for_state(transition)
+        client.wait_until(lambda: recorder(port).widths[-1] < max(recorder(port).widths), "the way back")
+        assert pulses(port)
+        asked = time.monotonic()
+        assert client.emergency_stop(on=True).success
+        client.wait_until(lambda: not pulses(port), "silence", timeout=0.2)
+        assert time.monotonic() - asked < 0.5
+        client.wait_until(ended.done, "the end of the transition", timeout=1.0)
+        assert ended.result().success
+        client.wait_for_state(State.FAULT)
+        assert client.life_cycle() == (INACTIVE if transition == DEACTIVATE else FINALIZED)
+
+
+def test_after_an_emergency_stop_the_mark_is_asked_for_whatever_fin_is_set(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    assert client.emergency_stop(on=True).success
+    assert client.emergency_stop(on=False).success
+    assert client.wait_for_state(State.WAITING_FOR_RESET).details["waiting_for"] == "mark"
+    assert client.set_parameters({"fin.length": 0.08}).successful
+    client.spin(0.3)
+    state = client.state()
+    assert state is not None
+    assert state.details["waiting_for"] == "mark"
+    assert not pulses(port)
     assert client.reset().success
     client.wait_for_state(State.SWIMMING)
 

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 DEACTIVATE, CLEAN_UP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
+SHUT_DOWN = Transition.TRANSITION_ACTIVE_SHUTDOWN
 UNCONFIGURED, INACTIVE = LifecycleState.PRIMARY_STATE_UNCONFIGURED, LifecycleState.PRIMARY_STATE_INACTIVE
-ACTIVE = LifecycleState.PRIMARY_STATE_ACTIVE
+ACTIVE, FINALIZED = LifecycleState.PRIMARY_STATE_ACTIVE, LifecycleState.PRIMARY_STATE_FINALIZED
 
 
 class RobotClient(PlantClient):
@@ -37,6 +38,12 @@ class RobotClient(PlantClient):
         """Ask for a transition of the life cycle; return whether it was made."""
         answer = self._call(ChangeState, "change_state", ChangeState.Request(transition=Transition(id=transition)))
         return bool(answer.success)
+
+    def ask_for_state(self, transition: int) -> Any:
+        """Ask for a transition and do not wait; return the future of the answer."""
+        client = self._node.create_client(ChangeState, f"{self._plant}/change_state")
+        self.wait_until(client.service_is_ready, "service change_state")
+        return client.call_async(ChangeState.Request(transition=Transition(id=transition)))
 
     def life_cycle(self) -> int:
         """Return the state of the life cycle."""

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from fin_plant import node_process, topics
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, Fin
@@ -30,6 +30,7 @@ from fin_plant.parameters import ParameterTable, Value, load_table
 from fin_plant.plant_state import PlantState, State
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.diagnosis import Counters, describe
+from fin_servo_driver.emergency_stop import EmergencyStop
 from fin_servo_driver.fin_instruction import instruction
 from fin_servo_driver.io_thread import IoThread
 from fin_servo_driver.line import DeviceError
@@ -144,8 +145,10 @@ class ServoDriver:
         self._failure = "the driver is not configured"
         self._armed = False
         self._emergency = False
+        self._emergency_seen = True
         self._mounted: Mapping[str, Value] | None = None
         self._reset_asked = False
+        self._mark_owed = False
         self._stop_reason = ""
         self._swimming_since: int | None = None
         self._sent: Command | None = None
@@ -156,6 +159,7 @@ class ServoDriver:
         self._stamp = 0
         self._published: tuple[object, ...] = ()
         self._offer()
+        self._stop = EmergencyStop(self.node, self._on_emergency_stop)
         self.publish_state()
 
     def _offer(self) -> None:
@@ -167,7 +171,6 @@ class ServoDriver:
         node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
         node.create_service(Trigger, f"~/{topics.RESET_SERVICE}", self._on_reset)
         node.create_service(Trigger, f"~/{topics.CONFIRM_FIN_SERVICE}", self._on_confirm_fin)
-        node.create_service(SetBool, f"~/{topics.EMERGENCY_STOP_SERVICE}", self._on_emergency_stop)
         node.create_timer(1.0, self._publish_diagnostics)
 
     # -- life cycle --------------------------------------------------------------------------------------------------
@@ -206,17 +209,23 @@ class ServoDriver:
         """Allow motion.
 
         Raises:
-            DeviceError: The emergency stop is latched, or the device is not there.
+            DeviceError: The emergency stop is latched, the tail is not at rest yet, or the device is not there.
         """
         io = self._need_io()
         if self._emergency:
             raise DeviceError(_EMERGENCY)
         if not io.health.connected:
             raise DeviceError(io.health.reason)
+        if io.health.phase is not Phase.DISARMED:
+            msg = f"the tail is not at rest yet ({io.health.phase}): activate again"
+            raise DeviceError(msg)
         if self._values["watchdog.disabled_knowingly"]:
             self._log.warning("the command watchdog is OFF: stay at the power switch")
         io.arm()
-        io.wait_for({Phase.SILENT, Phase.FOLLOWING}, self._patience)
+        if not io.wait_for({Phase.SILENT, Phase.FOLLOWING}, self._patience):
+            io.disarm()
+            msg = "the device keeps the driver waiting: activate again"
+            raise DeviceError(msg)
         self._armed = True
 
     def disarm(self) -> None:
@@ -351,8 +360,12 @@ class ServoDriver:
         self.publish_state(anew=True)
 
     def _fin_was_set(self, parameters: list[Parameter]) -> None:
-        """Begin a trial: what an earlier one waited for is asked for anew, so that its answer cannot count twice."""
-        if self._reset_asked and any(parameter.name in FIN_PARAMETERS for parameter in parameters):
+        """Begin a trial: what an earlier one waited for is asked for anew, so that its answer cannot count twice.
+
+        After an emergency stop the fish is expected back at its mark whatever the next trial is.
+        """
+        fin_was_set = any(parameter.name in FIN_PARAMETERS for parameter in parameters)
+        if fin_was_set and self._reset_asked and not self._mark_owed:
             self._reset_asked = False
             self.publish_state(anew=True)
 
@@ -413,7 +426,7 @@ class ServoDriver:
             response.success, response.message = False, reason
             return response
         if self._reset_asked:
-            self._reset_asked = False
+            self._reset_asked = self._mark_owed = False
             response.message = "the fish is at its mark"
         else:
             self._reset_asked = True
@@ -436,34 +449,33 @@ class ServoDriver:
             response.message = f"no fin is waited for, the plant is in {state}: {reason}"
         return response
 
-    def _on_emergency_stop(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        if request.data:
-            if self._io is not None:
-                self._io.cut()
-            self._emergency = True
-            self._rest()
-            response.message = "stopped; latched until ~/estop false"
+    def _on_emergency_stop(self, stop: bool) -> str:
+        """Stop or release, and return the answer. Called in another thread: `step` tells the rest of the node."""
+        if stop:
+            self._emergency = True  # first, so that no gait is accepted after the cut
+            if (io := self._io) is not None:
+                io.cut()
+            self._emergency_seen = False
             self._log.error("emergency stop")
-        elif self._emergency:
-            self._emergency = False
-            self._reset_asked = True
-            response.message = "released; the fish is expected back at its mark"
-        else:
-            response.message = "the emergency stop was not latched"
-        response.success = True
-        self.publish_state(anew=True)
-        return response
+            return "stopped; latched until ~/estop false"
+        if not self._emergency:
+            return "the emergency stop was not latched"
+        self._reset_asked = self._mark_owed = True
+        self._emergency = False
+        return "released; the fish is expected back at its mark"
 
     # -- work --------------------------------------------------------------------------------------------------------
 
     def step(self) -> float:
-        """Publish what the I/O thread has seen; return how long the executor may wait."""
-        if self._io is None:
-            return _IDLE_LOOK
-        self._publish_joint_states(self._io)
-        self._follow_phase(self._io)
+        """Publish what the other threads have seen; return how long the executor may wait."""
+        if not self._emergency_seen:
+            self._emergency_seen = True
+            self._rest()
+        if self._io is not None:
+            self._publish_joint_states(self._io)
+            self._follow_phase(self._io)
         self.publish_state()
-        return _ACTIVE_LOOK if self._armed else _IDLE_LOOK
+        return _ACTIVE_LOOK if self._io is not None and self._armed else _IDLE_LOOK
 
     def _follow_phase(self, io: IoThread) -> None:
         """Notice that the tail has stopped by itself, or has not started: no fresh gait, or something of the device."""
@@ -503,6 +515,7 @@ class ServoDriver:
         if self._io is not None:
             self._io.close()
             self._io = None
+        self._stop.close()
 
     def _publish_diagnostics(self) -> None:
         state, reason, _ = self._state()
