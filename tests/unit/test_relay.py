@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -195,6 +196,21 @@ def test_a_frequency_that_relays_cannot_follow_is_refused() -> None:
     motion = RelayMotion([RelayJoint(1, 2, STROKE)], TIMING, PERIOD)
     with pytest.raises(ValueError, match=r"gait frequency = 5.01 Hz is more than relays follow, at most 5 Hz"):
         motion.allowed(Gait((JointDrive(0.1, HIGHEST_FREQUENCY + 0.01),)), STROKE, 20.0)
+
+
+@pytest.mark.parametrize(
+    ("dead_time", "shortest_on", "highest"), [(0.1, 0.15, 2.0), (1.0, 1.0, 0.25), (0.02, 0.01, 5.0)]
+)
+def test_slow_relays_lower_the_highest_frequency(dead_time: float, shortest_on: float, highest: float) -> None:
+    timing = RelayTiming(dead_time=dead_time, shortest_on=shortest_on)
+    motion = RelayMotion([RelayJoint(1, 2, STROKE)], timing, PERIOD)
+    assert motion.allowed(Gait((JointDrive(0.1, highest),)), STROKE, 20.0).joints[0].frequency == highest
+    too_high = Gait((JointDrive(0.1, 1.01 * highest),))
+    says = f"at most {highest:g} Hz"
+    if highest < HIGHEST_FREQUENCY:
+        says += f": half a beat must hold timing.dead_time = {dead_time:g} s and timing.shortest_on = {shortest_on:g} s"
+    with pytest.raises(ValueError, match=re.escape(says)):
+        motion.allowed(too_high, STROKE, 20.0)
 
 
 def test_a_change_of_gait_keeps_the_phase_angle_continuous() -> None:

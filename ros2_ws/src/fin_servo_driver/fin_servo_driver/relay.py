@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 LEFT, OFF, RIGHT = 1, 0, -1
 """As `three_level` has them."""
 HIGHEST_FREQUENCY = 5.0
-"""Hz. Half a beat is then 100 ms: a dead time of 30 to 50 ms and the shortest on-time of 50 ms still fit in."""
+"""Hz. Half a beat is then 100 ms: a dead time of 30 to 50 ms and the shortest on-time of 50 ms still fit in. What a
+robot's relays need beyond that lowers it."""
 
 
 class RelaySwitch:
@@ -115,11 +116,18 @@ class RelayMotion:
             ValueError: Another number of rows than joints, or a frequency that relays cannot follow.
         """
         require_rows(gait, self.joints)
+        dead_time, shortest_on = self._timing.dead_time, self._timing.shortest_on
+        highest, reason = HIGHEST_FREQUENCY, "dead time and shortest on-time fill half a beat"
+        by_timing = 0.5 / (dead_time + shortest_on)
+        if by_timing < highest:
+            highest = by_timing
+            needed = f"timing.dead_time = {dead_time:g} s and timing.shortest_on = {shortest_on:g} s"
+            reason = f"half a beat must hold {needed}"
         for number, drive in enumerate(gait.joints, start=1):
-            if drive.frequency > HIGHEST_FREQUENCY:
+            if drive.frequency > highest:
                 msg = (
                     f"joint {number}: gait frequency = {drive.frequency:g} Hz is more than relays follow, at most "
-                    f"{HIGHEST_FREQUENCY:g} Hz: dead time and shortest on-time fill half a beat"
+                    f"{highest:g} Hz: {reason}"
                 )
                 raise ValueError(msg)
         pairs = zip(gait.joints, self._joints, strict=True)
