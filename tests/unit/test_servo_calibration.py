@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 from fin_servo_driver import backends, robot_file
-from fin_servo_driver.calibrate_servo import Calibration, Holder, calibrate
-from fin_servo_driver.emulator.devices import Dynamixel, Maestro
+from fin_servo_driver.calibrate_servo import Calibration, Holder, calibrate, main
+from fin_servo_driver.emulator.devices import Dynamixel, Firmata, Maestro
 from fin_servo_driver.emulator.pty_port import PtyPort
 from fin_servo_driver.port import SerialLine
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
 
@@ -34,6 +35,29 @@ class Logged(Dynamixel):
         error = super()._write(servo, address, data)
         self.goals += [self.outputs[servo] or 0.0] if address == 116 else []
         return error
+
+
+def test_what_the_driver_would_refuse_is_not_stored_and_told_and_can_be_mended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = PtyPort(Firmata(), tmp_path / "port")
+    file = tmp_path / "robot.yaml"
+    file.write_text(robot_file.find("firmata").read_text())
+    before = file.read_text()
+
+    def lines() -> Iterator[str]:
+        yield from ("= 1600", "c", "= 1520", "l", "s")  # the firmware starts every servo with 1500 us
+        assert file.read_text() == before
+        yield from ("= 1400", "l", "s")
+
+    monkeypatch.setattr(signal, "signal", lambda *_: None)  # this process keeps its own handlers
+    monkeypatch.setattr(sys, "stdin", lines())
+    assert main([str(file), "--port", str(port.path)]) == 0
+    port.close()
+    told = capsys.readouterr().out
+    assert "not stored: joint 1: [lowest, highest] = [1520, 1800] us does not contain 1500 us" in told
+    backends.make(robot_file.load(file))
+    assert robot_file.load(file).servos[0].lowest == 1400.0
 
 
 def test_a_servo_that_measures_is_led_to_its_centre_from_where_it_stands(tmp_path: Path) -> None:

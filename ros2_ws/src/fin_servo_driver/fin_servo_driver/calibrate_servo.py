@@ -28,7 +28,7 @@ from fin_servo_driver.line import DeviceError, LineStalledError
 from fin_servo_driver.port import SerialLine
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from fin_servo_driver.backends.backend import Backend
     from fin_servo_driver.line import Line
@@ -217,7 +217,9 @@ def calibrate(robot: Robot, number: int, port: str, lines: Iterable[str]) -> Ser
         holder = Holder(backend, line, robot, calibration)
         try:
             holder.start()
-            return _converse(calibration, holder, lines)
+            return _converse(
+                calibration, holder, lines, lambda joint: backends.make(robot_file.with_joint(robot, number, joint))
+            )
         finally:
             holder.close()
     finally:
@@ -225,7 +227,10 @@ def calibrate(robot: Robot, number: int, port: str, lines: Iterable[str]) -> Ser
         line.close()
 
 
-def _converse(calibration: Calibration, holder: Holder, lines: Iterable[str]) -> ServoJoint | None:
+def _converse(
+    calibration: Calibration, holder: Holder, lines: Iterable[str], check: Callable[[ServoJoint], object]
+) -> ServoJoint | None:
+    """Obey the lines; ``check`` raises ValueError for a joint that the driver would refuse."""
     _say(calibration.summary())
     for text in lines:
         if holder.failure:
@@ -233,7 +238,14 @@ def _converse(calibration: Calibration, holder: Holder, lines: Iterable[str]) ->
         try:
             _say(calibration.obey(text))
         except Leave as leave:
-            return calibration.joint if leave.store else None
+            if not leave.store:
+                return None
+            try:
+                check(calibration.joint)
+            except ValueError as error:
+                _say(f"not stored: {error}")
+            else:
+                return calibration.joint
         except ValueError as error:
             _say(f"no: {error}")
     return None
