@@ -607,6 +607,21 @@ def test_relays_swim_and_their_operations_are_counted(
         client.wait_until(lambda: not any(board.outputs.values()), "all relays off")
 
 
+def test_a_transition_that_its_state_does_not_have_is_refused_and_changes_nothing(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    assert not client.change_state(ACTIVATE)
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    for transition in (CONFIGURE, ACTIVATE, CLEAN_UP, 250):
+        assert not client.change_state(transition)
+    assert driver.running
+    assert client.life_cycle() == ACTIVE
+    state = client.state()
+    assert state is not None
+    assert state.state is State.SWIMMING
+
+
 def test_inactive_it_keeps_its_port_and_publishes_its_state(
     driver: StartedProcess, client: RobotClient, port: PtyPort
 ) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
@@ -43,12 +44,14 @@ from fin_servo_driver.wall_clock import stamp_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from lifecycle_msgs.srv import ChangeState
     from rclpy.node import Node
     from rclpy.parameter import Parameter
 
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.set_points import Motion
 
+RCLError = rclpy_implementation.RCLError
 SERVO_DRIVER_PARAMETERS = load_table("fin_servo_driver", "servo_driver_parameters.yaml")
 PARAMETERS = ParameterTable({**PLANT_PARAMETERS, **SERVO_DRIVER_PARAMETERS})
 MEASURED, COMMANDED = "measured", "commanded"
@@ -77,6 +80,21 @@ class _ManagedNode(LifecycleNode):
     """The node; its transitions are the driver's."""
 
     driver: ServoDriver
+
+    def refuse_what_is_no_transition(self) -> None:
+        """Refuse a transition that the node's state does not have: rclpy would end the node with an exception."""
+        service = self._service_change_state
+        change_state = service.callback
+
+        def guarded(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
+            try:
+                change_state(request, response)
+            except RCLError as error:
+                self.get_logger().error(f"transition refused: {error}")  # type: ignore[no-untyped-call]
+                response.success = False
+            return response
+
+        service.callback = guarded
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Open and check the port."""
@@ -133,6 +151,7 @@ class ServoDriver:
         """
         managed = _ManagedNode("servo_driver", namespace=topics.NAMESPACE, allow_undeclared_parameters=True)
         managed.driver = self
+        managed.refuse_what_is_no_transition()
         self.node: Node = managed
         self._log = self.node.get_logger()  # type: ignore[no-untyped-call]
         self._parameters = NodeParameters(
