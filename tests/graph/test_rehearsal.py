@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from fin_optimizer.study import read_trials
+from fin_optimizer.trial import Outcome
 from fin_plant import topics
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
@@ -87,6 +89,25 @@ def test_other_devices_swim_too_and_faults_are_survived(
         assert client.set_parameters({"fault.drop_rate": 0.0}).successful
         client.wait_for_state(State.SWIMMING)
         client._plant = "servo_driver"
+
+
+@pytest.mark.timeout(120)
+def test_an_emergency_stop_costs_a_study_its_trial_and_nothing_else(
+    start: Callable[..., StartedProcess], tmp_path: Path, ros_domain: int
+) -> None:
+    folder = tmp_path / "study"
+    words = ("trials:=1", "attempts:=1", "failures_in_a_row:=2", "timeout.plant:=1.0", "measurement.duration:=1.0")
+    study = start("fin_optimizer", "bringup", "plant:=rehearsal", "repeats:=1", f"study_folder:={folder}", *words)
+    with RobotClient(ros_domain) as client:
+        client.wait_for_state(State.SWIMMING, timeout=60.0)
+        assert client.emergency_stop(on=True).success
+        study.wait_for_output("trial 0000")
+        study.wait_for_output("waits: the emergency stop is latched")  # for longer than timeout.plant
+        assert client.emergency_stop(on=False).success
+    assert study.wait(60.0) == 0
+    trials = read_trials(folder)
+    assert [(trial.candidate, trial.outcome) for trial in trials] == [(0, Outcome.FAILED), (0, Outcome.OK)]
+    assert "the emergency stop is latched" in trials[0].reason
 
 
 def test_a_person_may_answer_the_driver_in_a_rehearsal(start: Callable[..., StartedProcess], ros_domain: int) -> None:

@@ -74,6 +74,8 @@ class Waiting(Enum):
     FIN = "fin"
     ARMING = "arming"
     MARK = "mark"
+    RELEASE = "release"
+    DEVICE = "device"
 
 
 class _ManagedNode(LifecycleNode):
@@ -300,18 +302,19 @@ class ServoDriver:
 
     # -- state -------------------------------------------------------------------------------------------------------
 
-    def _fault(self) -> str:
-        """Return what is wrong, or an empty text."""
+    def _fault(self) -> tuple[str, Waiting | None] | None:
+        """Return what is wrong, and what an operator can do about it while the driver runs; None if nothing is."""
         if self._emergency:
-            return _EMERGENCY
+            return _EMERGENCY, Waiting.RELEASE
         if self._io is not None and not self._io.health.connected:
-            return self._io.health.reason or "the device is not connected"
-        return ""
+            reason = self._io.health.reason or "the device is not connected"
+            return reason, Waiting.DEVICE if self._io.alive else None
+        return None
 
     def _state(self) -> tuple[State, str, Waiting | None]:
         """Return the state, its reason, and what an operator has to do."""
         if fault := self._fault():
-            return State.FAULT, fault, None
+            return State.FAULT, *fault
         if (waiting := self._waiting()) is not None:
             state = State.WAITING_FOR_FIN if waiting[0] is Waiting.FIN else State.WAITING_FOR_RESET
             return state, waiting[1], waiting[0]
