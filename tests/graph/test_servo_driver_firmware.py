@@ -26,6 +26,9 @@ from fin_plant import topics
 from fin_plant.gait import PAPER_GAIT
 from fin_plant.messages import gait_message, nanoseconds_of
 from fin_plant.plant_state import State
+from fin_servo_driver import backends, robot_file
+from fin_servo_driver.backends import firmata
+from fin_servo_driver.port import SerialLine
 from support.robot_client import RobotClient
 from support.waiting import wait_until
 
@@ -324,6 +327,32 @@ def test_a_killed_driver_leaves_the_firmware_pulsing_and_its_successor_stops_it(
         successor.signal(signal.SIGTERM)
         successor.wait(10.0)
     wait_until(board.silent, 30.0, "silence")
+
+
+@pytest.mark.parametrize("set_points", [0, 100])
+def test_the_pulses_stop_also_in_the_midst_of_a_message(board: Board, set_points: int) -> None:
+    """A sysex message has lost its end: its firmware takes a reset for data, and 64 bytes of set-points overrun it."""
+    backend = backends.make(robot_file.load(robot_file.find("firmata")))
+    line = SerialLine(board.port, 57600)
+    backend.identify(line)
+    backend.enable(line, {PIN: 1500.0})
+    backend.send(line, {PIN: 1600.0})
+    wait_until(lambda: board.pulses and board.pulses[-1].set_width == 1600.0, 30.0, "pulses")
+    unfinished = firmata.servo_range(PIN + 1, 1056, 1892)[:-1]
+    line.write(unfinished)
+    for number in range(set_points):
+        backend.send(line, {PIN: 1501.0 + number})
+        line.drain(1.0)
+    if set_points:
+        wait_until(lambda: board.pulses[-1].set_width == 1500.0 + set_points, 30.0, "the last set-point")
+        line.write(unfinished)
+    line.write(firmata.SYSTEM_RESET)
+    count = len(board.pulses)
+    wait_until(lambda: len(board.pulses) > count + 20, 30.0, "pulses in spite of a bare reset")
+    backend.disable(line)
+    wait_until(board.silent, 30.0, "silence")
+    check_end(board)
+    line.close()
 
 
 def test_the_simulated_firmware_is_the_one_named(built: tuple[Path, Path]) -> None:

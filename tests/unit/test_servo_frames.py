@@ -17,11 +17,14 @@ from pymodbus.framer import FramerRTU
 from pymodbus.pdu import DecodePDU
 from pymodbus.pdu.bit_message import WriteSingleCoilRequest
 
+from fin_servo_driver import backends, robot_file
 from fin_servo_driver.backends import dynamixel, firmata, kmtronic, lcus, maestro, modbus
-from fin_servo_driver.emulator import packets
+from fin_servo_driver.emulator import devices, packets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from fin_servo_driver.backends.backend import Backend
 
 
 class Wire:
@@ -178,6 +181,54 @@ def test_firmata_text_is_decoded() -> None:
     parser = firmata.Parser()
     parser.feed(frame("F0 71") + bytes(itertools.chain.from_iterable((ord(c), 0) for c in "Unknown mode")) + b"\xf7")
     assert parser.text == "Unknown mode"
+
+
+ENABLE = firmata.servo_range(9, 1056, 1892) + firmata.servo_mode(9) + firmata.pulse(9, 1500)
+
+
+def firmata_board() -> tuple[devices.Firmata, Wire, Backend]:
+    """Return an emulated board that pulses, a line to it and its back end."""
+    board = devices.Firmata()
+    board.opened(0.0)
+    wire = Wire(lambda data: board.feed(data, 0.0))
+    backend = backends.make(robot_file.load(robot_file.find("firmata")))
+    backend.enable(wire, {9: 1500.0})
+    assert board.outputs == {9: 1500.0}
+    return board, wire, backend
+
+
+@pytest.mark.parametrize("length", range(1, len(ENABLE)))
+def test_a_board_in_the_midst_of_any_frame_is_silenced(length: int) -> None:
+    board, wire, backend = firmata_board()
+    wire.write(ENABLE[:length])
+    backend.disable(wire)
+    assert board.outputs == {}
+
+
+def test_an_unfinished_sysex_swallows_a_bare_reset_as_in_the_firmware() -> None:
+    board, wire, _ = firmata_board()
+    wire.write(ENABLE[:5] + firmata.SYSTEM_RESET + firmata.ASK_VERSION + firmata.pulse(9, 1600))
+    assert board.outputs == {9: 1500.0}
+
+
+def test_set_points_go_on_after_a_sysex_that_has_lost_its_end() -> None:
+    """Without an end its 64th byte would overrun the firmware's memory."""
+    board, wire, backend = firmata_board()
+    wire.write(ENABLE[:5])
+    for width in np.linspace(1400.0, 1600.0, 101):
+        backend.send(wire, {9: float(width)})
+        assert board.outputs == {9: round(width)}
+    backend.disable(wire)
+    assert board.outputs == {}
+
+
+def test_a_sysex_without_end_makes_the_firmware_deaf() -> None:
+    board, wire, backend = firmata_board()
+    wire.write(ENABLE[:5] + bytes(100))
+    backend.disable(wire)
+    assert board.outputs == {9: 1500.0}
+    board.opened(0.0)
+    assert board.outputs == {}
 
 
 @given(st.lists(st.binary(max_size=50), max_size=20))

@@ -2,6 +2,9 @@
 
 Frames: Firmata protocol 2.5, "servos" and "message types". The firmware goes on pulsing the last value for ever when
 the host falls silent; only a system reset (FF) stops it.
+
+Between F0 and F7 (a sysex message) the firmware takes every byte for data, FF too, and the 65th overruns its memory. A
+message whose F7 was lost must not do that: what is written begins with F7, which outside a message means nothing.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ if TYPE_CHECKING:
     from fin_servo_driver.set_points import Outputs
 
 SYSTEM_RESET = b"\xff"
+END_SYSEX = b"\xf7"
 ASK_VERSION = b"\xf9"
 SERVO_MODE = 4
 LOWEST_MICROSECONDS = 544
@@ -30,7 +34,7 @@ _LARGEST_MINIMUM, _SMALLEST_MAXIMUM = 1056, 1892
 narrower range overflows it and bounds nothing."""
 _LAST_SHORT_PIN = 15
 _VERSION = 0xF9
-_START_SYSEX, _END_SYSEX, _EXTENDED_ANALOG, _SERVO_CONFIG, _STRING = 0xF0, 0xF7, 0x6F, 0x70, 0x71
+_START_SYSEX, _END_SYSEX, _EXTENDED_ANALOG, _SERVO_CONFIG, _STRING = 0xF0, END_SYSEX[0], 0x6F, 0x70, 0x71
 _FIRMWARE = 0x79
 _NAMELESS = 5
 """Bytes of ``F0 79 major minor F7``: a firmware's name follows the numbers, in garbage hardly ever."""
@@ -141,7 +145,7 @@ class Firmata(Backend):
         asked = False
         while (elapsed := time.monotonic() - start) < _BANNER_SECONDS:
             if elapsed > _BOOT_SECONDS and not asked:
-                line.write(ASK_VERSION)
+                line.write(END_SYSEX + ASK_VERSION)
                 asked = True
             data = line.read(0.05)
             received += data
@@ -159,7 +163,7 @@ class Firmata(Backend):
 
     def enable(self, line: Line, neutral: Outputs) -> None:
         """Attach the servos and send neutral in the same breath, so that neutral is the first pulse but one at most."""
-        frames = b""
+        frames = END_SYSEX
         for joint in self.robot.servos:
             lowest = min(round(joint.lowest), _LARGEST_MINIMUM)
             highest = max(round(joint.highest), _SMALLEST_MAXIMUM)
@@ -169,11 +173,11 @@ class Firmata(Backend):
 
     def send(self, line: Line, outputs: Outputs) -> None:
         """Send pulse widths to all pins."""
-        line.write(b"".join(pulse(pin, round(width)) for pin, width in outputs.items()))
+        line.write(END_SYSEX + b"".join(pulse(pin, round(width)) for pin, width in outputs.items()))
 
     def disable(self, line: Line) -> None:
         """Stop all pulses."""
-        line.write(SYSTEM_RESET)
+        line.write(END_SYSEX + SYSTEM_RESET)
 
     def read(self, line: Line) -> Feedback:
         """Return the board's texts as faults: StandardFirmata sends them for what it refuses.
@@ -190,5 +194,5 @@ class Firmata(Backend):
             msg = "the board has started anew by itself: does the servo draw its supply down? Give it one of its own"
             raise LineLostError(msg)
         if self._life.due():
-            line.write(ASK_VERSION)
+            line.write(END_SYSEX + ASK_VERSION)
         return Feedback(fault=self._parser.text) if self._parser.text else NOTHING

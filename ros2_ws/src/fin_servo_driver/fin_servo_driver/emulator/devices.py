@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _LONGEST_MESSAGE = 64
+_SYSEX_ROOM = 64
+"""Bytes that StandardFirmata keeps of a message between F0 and F7; more overrun its memory."""
 
 
 class SwitchFrame(Protocol):
@@ -52,11 +54,15 @@ class Device(ABC):
 
 
 class Firmata(Device):
-    """An Uno with StandardFirmata: opening the port resets it, and it goes on pulsing when the host is silent."""
+    """An Uno with StandardFirmata: opening the port resets it, and it goes on pulsing when the host is silent.
+
+    Between F0 and F7 it takes every byte for data, a reset too, and has room for 64 of them; then it is deaf.
+    """
 
     def __init__(self) -> None:
         super().__init__()
         self._message = bytearray()
+        self._deaf = False
         self._ranges: dict[int, tuple[int, int]] = {}
 
     def opened(self, now: float) -> bytes:
@@ -64,26 +70,36 @@ class Firmata(Device):
         del now
         self.outputs = {}
         self._message = bytearray()
+        self._deaf = False
         name = b"".join(bytes((ord(letter), 0)) for letter in "StandardFirmata.ino")
         return b"\xf9\x02\x05\xf0\x79\x02\x05" + name + b"\xf7"
 
     def feed(self, data: bytes, now: float) -> bytes:
         """Take bytes."""
         del now
-        answer = b""
-        for byte in data:
-            if byte == firmata.SYSTEM_RESET[0]:
-                self.outputs = {}
-                self._message = bytearray()
-                self.frames += 1
-            elif byte == firmata.ASK_VERSION[0]:
-                answer += b"\xf9\x02\x05"
-            elif byte >= 0x80 and byte != 0xF7:  # noqa: PLR2004 - commands have the eighth bit
-                self._message = bytearray((byte,))
-            elif self._message and len(self._message) < _LONGEST_MESSAGE:
-                self._message.append(byte)
+        return b"".join(self._take(byte) for byte in data)
+
+    def _take(self, byte: int) -> bytes:
+        """Take a byte and return what is answered."""
+        if self._deaf:
+            return b""
+        if self._message[:1] == b"\xf0":
+            self._message.append(byte)
+            self._deaf = byte != 0xF7 and len(self._message) > 1 + _SYSEX_ROOM  # noqa: PLR2004
+            if byte == 0xF7:  # noqa: PLR2004
                 self._complete()
-        return answer
+        elif byte == firmata.SYSTEM_RESET[0]:
+            self.outputs = {}
+            self._message = bytearray()
+            self.frames += 1
+        elif byte == firmata.ASK_VERSION[0]:
+            return b"\xf9\x02\x05"
+        elif byte >= 0x80 and byte != 0xF7:  # noqa: PLR2004 - commands have the eighth bit
+            self._message = bytearray((byte,))
+        elif byte < 0x80 and self._message and len(self._message) < _LONGEST_MESSAGE:  # noqa: PLR2004
+            self._message.append(byte)
+            self._complete()
+        return b""
 
     def _complete(self) -> None:
         match list(self._message):
