@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from typing import TYPE_CHECKING
 
 import minimalmodbus
@@ -20,6 +21,7 @@ from pymodbus.pdu.bit_message import WriteSingleCoilRequest
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.backends import dynamixel, firmata, kmtronic, lcus, maestro, modbus
 from fin_servo_driver.emulator import devices, packets
+from support.waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -168,6 +170,31 @@ def test_maestro_errors_are_named() -> None:
     assert maestro.errors(frame("10 00")) == ["serial protocol error"]
     assert "serial timeout" in maestro.errors(frame("20 00"))[0]
     assert maestro.errors(frame("00 01")) == ["script program counter error"]
+
+
+def test_a_maestro_at_rest_is_asked_more_often_than_its_serial_timeout_of_the_checklist() -> None:
+    board = devices.Maestro(serial_timeout=0.5)
+    wire = Wire(lambda data: board.feed(data, time.monotonic()))
+    backend = backends.make(robot_file.load(robot_file.find("maestro")))
+    assert backend.identify(wire) == "Maestro, errors before: none"
+    backend.disable(wire)
+
+    def rest() -> None:
+        board.tick(time.monotonic())
+        assert backend.read(wire).fault == ""
+
+    wait_until(lambda: board.questions > 6, 4.0, "questions", rest)
+
+
+def test_a_maestro_that_nobody_asks_complains_and_stops_its_pulses() -> None:
+    board = devices.Maestro(serial_timeout=0.5)
+    board.feed(maestro.target(0, 6000), 0.0)
+    board.tick(0.4)
+    assert board.outputs == {0: 1500.0}
+    board.tick(0.6)
+    assert board.outputs == {0: None}
+    assert "serial timeout" in maestro.errors(board.feed(maestro.GET_ERRORS, 0.6))[0]
+    assert maestro.errors(board.feed(maestro.GET_ERRORS, 0.6)) == []
 
 
 def test_firmata_banner_is_found_between_other_bytes() -> None:

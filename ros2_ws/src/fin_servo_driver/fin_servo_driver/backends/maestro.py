@@ -23,6 +23,8 @@ GO_HOME = b"\xa2"
 GET_ERRORS = b"\xa1"
 BAUD_INDICATION = b"\xaa"
 """In the mode "UART, detect baud rate" the device listens only after this byte."""
+SERIAL_TIMEOUT = 1 << 5
+"""The bit of the errors."""
 STOP_PULSES = 0
 """As a target: the channel sends no pulses."""
 QUARTERS = 4
@@ -40,7 +42,8 @@ _ERRORS = (
 )
 _ANSWER_BYTES = 2
 _ANSWER_SECONDS = 0.5
-_ASK_EVERY, _SILENCE = 1.0, 3.0
+_ASK_EVERY, _SILENCE = 0.2, 3.0
+"""s. Questions keep its serial timeout, 0.5 s by the checklist, from running out while the tail is at rest."""
 
 
 def target(channel: int, quarters: int) -> bytes:
@@ -138,7 +141,7 @@ class Maestro(Backend):
         line.write(b"".join(target(joint.channel, STOP_PULSES) for joint in self.robot.servos))
 
     def read(self, line: Line) -> Feedback:
-        """Ask for errors once a second; return those that came."""
+        """Ask for errors five times a second; return those that came."""
         self._answer += line.read(0.0)
         feedback = NOTHING
         if len(self._answer) >= _ANSWER_BYTES:

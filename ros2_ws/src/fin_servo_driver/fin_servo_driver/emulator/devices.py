@@ -128,25 +128,42 @@ class Firmata(Device):
 
 
 class Maestro(Device):
-    """A Maestro: pulses go on until the target is 0; its serial timeout is off, as it is bought."""
+    """A Maestro: pulses go on until the target is 0.
 
-    def __init__(self) -> None:
+    Attributes:
+        questions: How often it was asked for its errors.
+    """
+
+    def __init__(self, serial_timeout: float = 0.0) -> None:
+        """Take the serial timeout in s, after which it complains and stops all pulses; 0, as it is bought, is never."""
         super().__init__()
+        self.questions = 0
+        self._serial_timeout = serial_timeout
+        self._heard: float | None = None
+        self._errors = 0
         self._message = bytearray()
 
     def feed(self, data: bytes, now: float) -> bytes:
         """Take bytes."""
-        del now
+        self._heard = now
         answer = b""
         for byte in data:
             if byte == maestro.GET_ERRORS[0]:
-                answer += b"\x00\x00"
+                self.questions += 1
+                answer += self._errors.to_bytes(2, "little")
+                self._errors = 0
             elif byte >= 0x80:  # noqa: PLR2004 - commands have the eighth bit
                 self._message = bytearray((byte,))
             elif self._message and len(self._message) < _LONGEST_MESSAGE:
                 self._message.append(byte)
                 self._complete()
         return answer
+
+    def tick(self, now: float) -> None:
+        """Let the serial timeout run."""
+        if self._serial_timeout and self._heard is not None and now - self._heard > self._serial_timeout:
+            self._errors |= maestro.SERIAL_TIMEOUT
+            self.outputs = dict.fromkeys(self.outputs)
 
     def _complete(self) -> None:
         match list(self._message):
