@@ -26,6 +26,7 @@ ROS_MODULES = {
     "fin_plant.node_process",
     "fin_plant.topics",
     "fin_servo_driver.driver_client",
+    "fin_servo_driver.emergency_stop",
     "fin_servo_driver.operator",
     "fin_servo_driver.rehearsal",
     "fin_servo_driver.servo_driver",
