@@ -272,7 +272,8 @@ def test_a_driver_that_ends_while_somebody_mounts_a_fin_fails_the_trial(
     start: Start, folder: Path, client: PlantClient, comes_back: bool, reason: str
 ) -> None:
     driver = start_node(start, "fin_servo_driver", "servo_driver")
-    optimizer = start_optimizer(start, folder, "timeout.find:=2.0", "failures_in_a_row:=1")
+    patience = "timeout.find:=60.0" if comes_back else "timeout.find:=2.0"
+    optimizer = start_optimizer(start, folder, patience, "failures_in_a_row:=1")
     client.wait_until(lambda: len(client.received(topics.PLANT_STATE)) > 1, "the state with the fin that is wanted")
     driver.interrupt()
     if comes_back:

@@ -21,6 +21,7 @@ from support.waiting import wait_until
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fin_optimizer.study import TrialRecord
     from support.processes import StartedProcess
 
     Start = Callable[..., StartedProcess]
@@ -47,9 +48,15 @@ def test_a_fish_that_is_killed_is_left_out_and_its_fin_is_swum_by_the_other(star
         "timeout.silence:=1.0",
     )
     study = start("fin_optimizer", "optimizer", "--ros-args", *words)
-    wait_until(lambda: list(folder.glob("bags/*1_E*/*.mcap")), 30, "both fish to swim")
-    running = {trial.plant: trial for trial in read_trials(folder) if trial.outcome is Outcome.RUNNING}
-    assert set(running) == set(FISH)
+    running: dict[str, TrialRecord] = {}
+
+    def both_swim() -> bool:
+        trials = read_trials(folder) if (folder / "journal.log").exists() else []
+        running.clear()
+        running.update({trial.plant: trial for trial in trials if trial.outcome is Outcome.RUNNING})
+        return set(running) == set(FISH) and (folder / running[FISH[1]].bag).exists()
+
+    wait_until(both_swim, 60, "both fish to swim")
     fish[1].kill()
     assert study.wait(60) == 0
     trials = read_trials(folder)
