@@ -210,16 +210,30 @@ def test_streams_flow_before_a_swim_at_their_rates_with_frames_and_rising_stamps
     assert client.received(topics.JOINT_STATES)[-1].name[0] == "tail_joint_1"
 
 
+def swim_for_four_seconds(client: ContractClient) -> int:
+    """Return the stamp of a swim that was not broken off; a client that is put aside may repeat its gait too late."""
+
+    def goes_on(since: int) -> bool:
+        state = client.state()
+        return state is not None and state.state is State.SWIMMING and state.stamp == since
+
+    def over(since: int) -> bool:
+        end = since + 4_000_000_000
+        return all(nanoseconds_of(client.received(topic)[-1].header.stamp) > end for topic in STREAMS)
+
+    for _ in range(10):
+        since = client.wait_for_state(State.SWIMMING).stamp
+        client.wait_until(lambda since=since: over(since) or not goes_on(since), "4 s of swimming")  # type: ignore[misc]
+        if goes_on(since):
+            return since
+    pytest.fail("no swim of ten lasted for 4 s")
+
+
 def test_a_swim_is_one_of_the_contract_from_reset_to_rest(plant: Plant) -> None:
     kind, client = plant
     client.put_back()
     client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
-    since = client.wait_for_state(State.SWIMMING).stamp
-    end = since + 4_000_000_000
-    client.wait_until(
-        lambda: all(nanoseconds_of(client.received(topic)[-1].header.stamp) > end for topic in STREAMS),
-        "4 s of swimming",
-    )
+    since = swim_for_four_seconds(client)
     applied = gait_from_message(client.received(topics.GAIT_APPLIED)[-1])
     assert applied.joints[0].amplitude == pytest.approx(math.radians(15.0))
     joint = [
