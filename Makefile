@@ -20,8 +20,8 @@ demo: setup ## optimise the paper fin: 30 simulated trials, one bag each, result
 
 .PHONY: test
 test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k name" narrows them
-	@# Three at a time on two cores: half of a graph test is waiting.
-	@$(environment) && exec python -m pytest -p xdist -n 3 --dist loadfile $(PYTEST_ARGS)
+	@# Three at a time on two cores: half of a graph test is waiting. The long files come first, so that none is left last.
+	@$(environment) && exec python -m pytest -p xdist -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 .PHONY: test-long
 test-long: setup ## the proofs that take minutes: hundreds of kills, real firmware, exhaustive grids, mutants
