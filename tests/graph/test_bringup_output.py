@@ -93,6 +93,7 @@ def check_an_orderly_end(folder: Path) -> None:
         assert len(list(csv.DictReader(file))) == len(trials)
 
 
+@pytest.mark.long
 def test_a_study_whose_reader_has_seen_enough_runs_to_its_end(
     bringup: StartBringup, folder: Path, tmp_path: Path
 ) -> None:
@@ -111,6 +112,7 @@ def test_a_study_whose_reader_has_seen_enough_runs_to_its_end(
     assert "Exception ignored" not in said
 
 
+@pytest.mark.long
 def test_a_study_whose_log_is_on_a_full_disk_runs_to_its_end(bringup: StartBringup, folder: Path) -> None:
     with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
         study = bringup("trials:=2", *SHORT, stdout=full.fileno(), stderr=full.fileno())
