@@ -120,6 +120,7 @@ def test_a_study_whose_log_is_on_a_full_disk_runs_to_its_end(bringup: StartBring
     assert outcomes(folder) == [Outcome.OK] * 2
 
 
+@pytest.mark.long
 def test_a_study_on_a_terminal_that_goes_away_without_a_word_runs_to_its_end(
     bringup: StartBringup, folder: Path
 ) -> None:

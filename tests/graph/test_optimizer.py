@@ -234,6 +234,7 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_fins(
     assert "wait for the fin: " in rows[1]["reason"], "it was accepted"
 
 
+@pytest.mark.long
 def test_a_study_is_not_gone_on_with_by_another_fish(start: Start, folder: Path, client: PlantClient) -> None:
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
     assert start_optimizer(start, folder, "trials:=1", *SHORT).wait(60) == 0

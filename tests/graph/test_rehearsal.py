@@ -91,6 +91,7 @@ def test_other_devices_swim_too_and_faults_are_survived(
         client._plant = "servo_driver"
 
 
+@pytest.mark.long
 @pytest.mark.timeout(120)
 def test_an_emergency_stop_costs_a_study_its_trial_and_nothing_else(
     start: Callable[..., StartedProcess], tmp_path: Path, ros_domain: int
@@ -110,6 +111,7 @@ def test_an_emergency_stop_costs_a_study_its_trial_and_nothing_else(
     assert "the emergency stop is latched" in trials[0].reason
 
 
+@pytest.mark.long
 def test_a_person_may_answer_the_driver_in_a_rehearsal(start: Callable[..., StartedProcess], ros_domain: int) -> None:
     start("fin_servo_driver", "rehearsal", "--ros-args", "-p", "operator.acts:=false")
     start("fin_servo_driver", "servo_driver", "--ros-args", "-p", "plant:=rehearsal")

@@ -144,6 +144,7 @@ def test_a_bring_up_whose_fish_are_all_gone_ends(start: Start, tmp_path: Path) -
     assert all(f"error: {fish}/simulator was killed by SIGKILL" in study.output() for fish in FISH)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(120)
 def test_a_fish_that_lost_one_of_its_nodes_is_stopped_altogether(start: Start, tmp_path: Path) -> None:
     study = start_bringup(start, tmp_path / "study", "plant:=rehearsal", "trials:=1000")
