@@ -262,9 +262,7 @@ def test_a_complaint_of_the_device_is_told_for_some_seconds_only(monkeypatch: py
     monkeypatch.setattr(io_thread, "_FAULT_SHOWN", 0.2)
     line = Broken()
     thread, _ = thread_on(line, [])
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     line.failure = LineStalledError("took no bytes")
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
     wait_until(lambda: thread.health.fault == "took no bytes", 1.0, "complaint")
@@ -382,6 +380,12 @@ class Broken:
         self.closed = True
 
 
+def start_armed(thread: IoThread) -> None:
+    thread.start()
+    thread.arm()
+    assert thread.wait_for({Phase.SILENT}, 1.0)
+
+
 def thread_on(line: Broken, reports: list[str]) -> tuple[IoThread, Motion]:
     robot = robot_file.load(robot_file.find("firmata"))
     motion = ServoMotion(robot.servos, 0.02)
@@ -392,9 +396,7 @@ def thread_on(line: Broken, reports: list[str]) -> tuple[IoThread, Motion]:
 def test_a_line_that_is_behind_gets_no_more_set_points_and_is_lost_if_it_stays_so() -> None:
     line = Broken(behind=True)
     thread, motion = thread_on(line, [])
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
     wait_until(lambda: thread.health.dropped > 3, 2.0, "dropped set-points")
     assert set(line.written) <= {0xF7, 0xFF, 0xF9}  # disabled at the start, and asked for a sign of life
@@ -412,9 +414,7 @@ def test_a_line_that_is_behind_gets_no_more_set_points_and_is_lost_if_it_stays_s
 def test_a_line_that_stalls_for_half_a_second_is_lost() -> None:
     line, reports = Broken(), []  # type: ignore[var-annotated]
     thread, _ = thread_on(line, reports)
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     line.failure = LineStalledError("took no bytes")
     begin = time.monotonic()
     while thread.health.connected and time.monotonic() - begin < 3.0:
@@ -440,9 +440,7 @@ def test_an_unforeseen_failure_still_ends_neutral_and_disabled(recwarn: pytest.W
     del recwarn
     line, reports = Broken(), []  # type: ignore[var-annotated]
     thread, motion = thread_on(line, reports)
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
     wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
     hook, threading.excepthook = threading.excepthook, lambda _: None
@@ -516,9 +514,7 @@ def test_a_pin_is_attached_though_the_first_attempt_was_lost() -> None:
 
     line = OneStall()
     thread, _ = thread_on(line, [])
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     wait_until(
         lambda: thread.health.ticks > 3,
         1.0,
@@ -539,9 +535,7 @@ def test_a_start_that_failed_half_way_ends_without_a_jump_to_neutral() -> None:
 
     line = Mute()
     thread, _ = thread_on(line, [])
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
     wait_until(lambda: thread.health.dropped > 1, 1.0, "failed starts")
     thread.stop_tail()
@@ -565,9 +559,7 @@ def fail_with(backend: Backend, monkeypatch: pytest.MonkeyPatch, *methods: str) 
 def test_a_back_end_that_cannot_send_any_more_is_disabled_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     line, reports = Broken(), []  # type: ignore[var-annotated]
     thread, _ = thread_on(line, reports)
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
     wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
     disabled = len(line.written)
@@ -584,9 +576,7 @@ def test_a_back_end_that_cannot_send_any_more_is_disabled_all_the_same(monkeypat
 def test_whatever_fails_at_the_end_the_port_is_closed_and_the_health_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Broken()
     thread, _ = thread_on(line, [])
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
     wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
     fail_with(thread._backend, monkeypatch, "send", "disable")
@@ -650,9 +640,7 @@ def test_what_was_confirmed_is_not_repeated(rig: Rig, monkeypatch: pytest.Monkey
 def test_a_tail_is_said_to_follow_while_its_device_is_still_being_enabled(monkeypatch: pytest.MonkeyPatch) -> None:
     line = Broken()
     thread, _ = thread_on(line, [])
-    thread.start()
-    thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    start_armed(thread)
     is_enabled = threading.Event()
     monkeypatch.setattr(thread._backend, "enable", lambda *_: is_enabled.wait(5.0))
     thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))

@@ -120,6 +120,10 @@ def arguments(plant: str = "") -> list[Argument]:
     return own + [_argument(parameter) for parameter in parameters.values()]
 
 
+def _names(plant: str = "") -> list[str]:
+    return [argument.name for argument in arguments(plant)]
+
+
 def _argument(parameter: Parameter) -> Argument:
     default = "" if parameter.name == "repeats" else _STUDY_DEFAULTS.get(parameter.name, parameter.default)
     allowed = ", ".join(parameter.choices)
@@ -188,8 +192,7 @@ def misspelt(given: Iterable[str], plant: str) -> list[str]:
 
     `ros2 launch` takes any name: one that is far from all may be another launch file's.
     """
-    known = [argument.name for argument in arguments(plant)]
-    every = {argument.name for argument in arguments()}
+    known, every = _names(plant), _names()
     near = {name: difflib.get_close_matches(name, known, n=1, cutoff=0.8) for name in given if name not in every}
     return [f"{name}:= is no argument of a study: did you mean {found[0]}?" for name, found in near.items() if found]
 
@@ -227,11 +230,11 @@ def _words(text: str) -> list[str]:
 
 
 def _refuse_unknown(names: Iterable[str], plant: str) -> None:
-    known = [argument.name for argument in arguments(plant)]
+    known = _names(plant)
     for name in names:
         if name in known:
             continue
-        others = [other for other in _PLANTS if name in (argument.name for argument in arguments(other))]
+        others = [other for other in _PLANTS if name in _names(other)]
         near = difflib.get_close_matches(name, known, n=3)
         if others:
             hint = f"it is one with plant:={' or plant:='.join(others)}"

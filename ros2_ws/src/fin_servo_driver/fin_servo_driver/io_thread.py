@@ -350,8 +350,7 @@ class IoThread:
         elif self._force is not _Force.RELEASED:
             self._settle(line)
         elif not self._backend.confirms and now - self._disabled_at >= REPEAT_SECONDS:
-            self._backend.disable(line)
-            self._disabled_at = now
+            self._disable(line)
         self._listen(line, now)
 
     def _take(self, command: Command) -> None:

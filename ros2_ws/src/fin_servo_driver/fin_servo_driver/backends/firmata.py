@@ -70,6 +70,11 @@ def _pair(value: int) -> tuple[int, int]:
     return value & 0x7F, value >> 7 & 0x7F
 
 
+def _write(line: Line, frames: bytes) -> None:
+    """Write frames behind what ends a message that was cut short."""
+    line.write(END_SYSEX + frames)
+
+
 class Parser:
     """Takes the board's bytes in any portions; keeps the version and the last text. Garbage is skipped.
 
@@ -145,7 +150,7 @@ class Firmata(Backend):
         asked = False
         while (elapsed := time.monotonic() - start) < _BANNER_SECONDS:
             if elapsed > _BOOT_SECONDS and not asked:
-                line.write(END_SYSEX + ASK_VERSION)
+                _write(line, ASK_VERSION)
                 asked = True
             data = line.read(0.05)
             received += data
@@ -163,21 +168,21 @@ class Firmata(Backend):
 
     def enable(self, line: Line, neutral: Outputs) -> None:
         """Attach the servos and send neutral in the same breath, so that neutral is the first pulse but one at most."""
-        frames = END_SYSEX
+        frames = b""
         for joint in self.robot.servos:
             lowest = min(round(joint.lowest), _LARGEST_MINIMUM)
             highest = max(round(joint.highest), _SMALLEST_MAXIMUM)
             frames += servo_range(joint.channel, lowest, highest)
             frames += servo_mode(joint.channel) + pulse(joint.channel, round(neutral[joint.channel]))
-        line.write(frames)
+        _write(line, frames)
 
     def send(self, line: Line, outputs: Outputs) -> None:
         """Send pulse widths to all pins."""
-        line.write(END_SYSEX + b"".join(pulse(pin, round(width)) for pin, width in outputs.items()))
+        _write(line, b"".join(pulse(pin, round(width)) for pin, width in outputs.items()))
 
     def disable(self, line: Line) -> None:
         """Stop all pulses."""
-        line.write(END_SYSEX + SYSTEM_RESET)
+        _write(line, SYSTEM_RESET)
 
     def read(self, line: Line) -> Feedback:
         """Return the board's texts as faults: StandardFirmata sends them for what it refuses.
@@ -194,5 +199,5 @@ class Firmata(Backend):
             msg = "the board has started anew by itself: does the servo draw its supply down? Give it one of its own"
             raise LineLostError(msg)
         if self._life.due():
-            line.write(END_SYSEX + ASK_VERSION)
+            _write(line, ASK_VERSION)
         return Feedback(fault=self._parser.text) if self._parser.text else NOTHING
