@@ -77,7 +77,9 @@ class Backend(ABC):
 
     The order of calls is: `identify`, `disable`; then any number of times `enable`, `send`..., `disable`; `read` at any
     time. The first `disable` ends what an earlier driver has left behind.
-    Every method may raise a DeviceError of `line`.
+    Every method may raise a DeviceError of `line`. A stop that is asked for raises StopAskedError out of whatever
+    method is at work, between two frames or while it waits for an answer. It must pass: no method catches it, writes
+    anything on the way out, or waits other than in `line.read`. `disable` follows, whatever was left half done.
     """
 
     drives: ClassVar[Literal["servos", "relays"]]
@@ -144,7 +146,11 @@ class Backend(ABC):
 
     @abstractmethod
     def disable(self, line: Line) -> None:
-        """Take force from the servos, or switch the relays off; must work whatever was done before."""
+        """Take force from the servos, or switch the relays off; must work whatever was done before.
+
+        This is the emergency stop too: nothing in it moves a servo, and the first frames take the force from all of
+        them; only then is waited for answers, or asked whether they did.
+        """
 
     def read(self, line: Line) -> Feedback:
         """Return what the device has reported since the last call; wait for an answer within the tick at most."""
@@ -193,10 +199,13 @@ class RelayBackend(Backend):
     def disable(self, line: Line) -> None:
         """Switch all relays of the joints off, also those that are thought to be off, and even if one fails.
 
+        Those that may be on come first: on a slow line each frame takes some milliseconds.
+
         Raises:
             LineStalledError: Not all did.
         """
-        self._switch_off(line, [channel for joint in self.robot.relays for channel in joint.channels])
+        channels = [channel for joint in self.robot.relays for channel in joint.channels]
+        self._switch_off(line, sorted(channels, key=lambda channel: self._on.get(channel) == 0.0))
 
     def _switch_off(self, line: Line, channels: Iterable[int]) -> None:
         failures = []
