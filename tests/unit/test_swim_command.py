@@ -372,3 +372,19 @@ def test_sweep_spaces_its_values() -> None:
     plans = sweep_plans(Plan({}), [parse_axis("amplitude=10,20")])
     assert [plan.amplitude for _, plan in plans] == [10.0, 20.0]
     assert math.degrees(plans[1][1].drive(1).joints[0].amplitude) == pytest.approx(20.0)
+
+
+def test_a_picture_that_fails_costs_one_warning_and_no_number(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        msg = "latex could not be found"
+        raise RuntimeError(msg)
+
+    plain, _ = _run(capsys, *SHORT)
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", refuse)
+    out, err = _run(capsys, *SHORT, "--plot", tmp_path / "swim.png")
+    assert out == plain
+    warning = f"swim: warning: the picture {tmp_path / 'swim.png'} could not be drawn: latex could not be found"
+    assert err.splitlines() == [warning]
+    assert not list(tmp_path.iterdir())

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+from functools import partial
 from multiprocessing.connection import wait
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -271,7 +272,8 @@ def _run(arguments: argparse.Namespace, console: Console) -> None:
             took = time.perf_counter() - begun
         console.print(f"{swum} swims in {took:.1f} s, {swum / took:.0f} a second")
     collect(folder, results)
-    for path in paper_report.write(folder, study, results):
+    warn = partial(console.print, "campaign: warning:", markup=False)
+    for path in paper_report.write(folder, study, results, warn):
         console.print(f"wrote {path}")
 
 

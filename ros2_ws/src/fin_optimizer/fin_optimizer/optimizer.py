@@ -28,6 +28,7 @@ from fin_optimizer.repair_bags import repair_bags
 from fin_optimizer.study import front, is_for_another
 from fin_optimizer.trial import Outcome, Result
 from fin_plant import node_process, topics
+from fin_plant.figures import try_to_draw
 from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
 
@@ -330,16 +331,22 @@ class Optimizer:
         return [name for name in names if (self._study.folder / name).exists()]
 
     def _write_report(self) -> None:
-        """Write table and figures; they can be made again any time, so a disk that refuses is told and no more."""
-        folder, study, plan = self._study.folder, self._study, self._plan
+        """Write table and figures; they can be made again any time, so what cannot be written is told and no more."""
+        folder, study = self._study.folder, self._study
         try:
             self._write_table()
-            if study.best() is not None:
-                self._draw()
-            if plan.wants_cost:
-                report.write_front(folder / report.FRONT_FILE, study.candidates, front(study.candidates))
         except OSError as error:
             self._display.say(f"error: the report in {folder} cannot be written: {error.strerror or error}")
+        failures = []
+        if study.best() is not None:
+            failures.append(try_to_draw(folder / report.FIGURE_FILE, self._draw))
+        if self._plan.wants_cost:
+            path = folder / report.FRONT_FILE
+            failures.append(
+                try_to_draw(path, lambda: report.write_front(path, study.candidates, front(study.candidates)))
+            )
+        for failure in filter(None, failures):
+            self._display.say(f"warning: {failure}")
 
     def _write_table(self) -> None:
         report.write_table(

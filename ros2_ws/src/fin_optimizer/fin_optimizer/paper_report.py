@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 
 import fin_sim
 from fin_optimizer.experiments import SHAPE_LENGTH
+from fin_plant.figures import empty_figure, own_style, try_to_draw
 from fin_plant.fin import Fin
 from fin_sim.materials import materials
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
     from fin_optimizer.experiments import Run, Study, Table
@@ -59,7 +60,7 @@ def _published(curve: str) -> tuple[list[float], list[float]]:
 
 
 def _axes(title: str, *, width: float = 6.4) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, 4.2), dpi=150, layout="constrained")
+    figure = empty_figure(width, 4.2)
     axes = figure.add_subplot()
     axes.set(xlabel="Young's modulus in GPa", ylabel="mean speed in cm/s", title=title)
     axes.spines[["top", "right"]].set_visible(False)
@@ -83,7 +84,7 @@ def _figure_4(results: Mapping[Run, Table]) -> Figure:
 
 
 def _figure_5(results: Mapping[Run, Table]) -> Figure:
-    figure = Figure(figsize=(9.6, 4.2), dpi=150, layout="constrained")
+    figure = empty_figure(9.6, 4.2)
     panels = figure.subplots(1, 2, sharey=True)
     landscape = _of(results, "simulation")[0]
     for axes, experiment, title in zip(
@@ -149,7 +150,7 @@ def _figure_6(results: Mapping[Run, Table]) -> Figure:
 
 
 def _figure_7(results: Mapping[Run, Table]) -> Figure:
-    figure = Figure(figsize=(7.0, 4.6), dpi=150, layout="constrained")
+    figure = empty_figure(7.0, 4.6)
     axes = figure.add_subplot()
     table = _of(results, "landscape")[0]
     shape = (len(np.unique(table["length"])), -1)
@@ -312,8 +313,17 @@ def markdown(study: Study, results: Mapping[Run, Table]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write(folder: Path, study: Study, results: Mapping[Run, Table]) -> list[Path]:
-    """Write paper.md and those figures whose experiments were carried out; return their paths."""
+def _save(draw: Callable[[Mapping[Run, Table]], Figure], results: Mapping[Run, Table], path: Path) -> None:
+    draw(results).savefig(path)
+
+
+def write(
+    folder: Path, study: Study, results: Mapping[Run, Table], warn: Callable[[str], object] = print
+) -> list[Path]:
+    """Write paper.md and those figures whose experiments were carried out; return their paths.
+
+    A figure that fails is told to ``warn`` and left out.
+    """
     needs: Sequence[tuple[int, set[str]]] = (
         (4, {"model"}),
         (5, {"simulation", "hill_climber", "genetic"}),
@@ -324,9 +334,12 @@ def write(folder: Path, study: Study, results: Mapping[Run, Table]) -> list[Path
     done = {run.experiment for run in results}
     paths = [folder / "paper.md"]
     paths[0].write_text(markdown(study, results), encoding="utf-8")
-    with mpl.rc_context({"font.size": 9}):
+    with own_style(font_size=9):
         for number, experiments in needs:
             if experiments <= done:
-                paths.append(folder / f"paper_figure_{number}.png")
-                draw[number](results).savefig(paths[-1])
+                path = folder / f"paper_figure_{number}.png"
+                if failure := try_to_draw(path, partial(_save, draw[number], results, path)):
+                    warn(failure)
+                else:
+                    paths.append(path)
     return paths

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_optimizer.trial import Outcome
+from fin_plant.figures import empty_figure, own_style
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -92,6 +93,7 @@ def sweep(dimension: Dimension, speed: Callable[[float], float], points: int = _
     return [float(value) for value in values], [speed(float(value)) for value in values]
 
 
+@own_style()
 def write_figure(
     path: Path,
     trials: Sequence[TrialRecord],
@@ -111,11 +113,8 @@ def write_figure(
         curve: The simulator's speed over that parameter, drawn behind the trials; None for a robot.
         title: Heading, for example the fish and its gait.
     """
-    # Half a second, which only a finished study spends; the figure needs no window system.
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
     word, factor, unit = _SHOWN_AS.get(dimension.name, (dimension.name, 1.0, dimension.unit))
-    figure = Figure(figsize=(8.0, 5.0), dpi=150, layout="constrained")
+    figure = empty_figure(8.0, 5.0)
     axes = figure.add_subplot()
     if curve is not None:
         values, speeds = np.asarray(curve[0]) / factor, np.asarray(curve[1]) / _CM
@@ -137,6 +136,7 @@ def write_figure(
     figure.savefig(path)
 
 
+@own_style()
 def write_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidate]) -> None:
     """Draw speed and cost of transport of every candidate, those of the Pareto front joined.
 
@@ -145,9 +145,7 @@ def write_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidat
         tried: All candidates; those without both numbers are left out.
         front: Those of the front, the fastest first.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  (see write_figure)
-
-    figure = Figure(figsize=(8.0, 5.0), dpi=150, layout="constrained")
+    figure = empty_figure(8.0, 5.0)
     axes = figure.add_subplot()
     known = [(c.score / _CM, c.cost) for c in tried if c.score is not None and c.cost is not None]
     if known:
@@ -165,7 +163,7 @@ def write_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidat
 
 
 def _draw_trials(axes: Axes, trials: Sequence[TrialRecord], name: str, factor: float) -> None:
-    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415  (see write_figure)
+    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415  (loaded by `own_style` by now)
 
     scored = [trial for trial in trials if trial.score is not None]
     if scored:

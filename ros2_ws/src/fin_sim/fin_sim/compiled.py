@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-import tempfile
-from pathlib import Path
+from contextlib import suppress
 from typing import TYPE_CHECKING, TypeVar, cast
+
+from fin_plant.private_folder import private_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,23 +18,10 @@ _FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 
 def _choose_cache_folder() -> None:
-    """Keep compiled code in the user's cache, or in the temporary folder where that cannot be written.
-
-    An installed package may be read-only, and a robot's home folder may be too.
-    """
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
-    for base in (home, Path(tempfile.gettempdir())):
-        folder = base / f"fin_sim-{os.getuid()}"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=folder):
-                pass
-        except OSError:
-            continue
-        os.environ["NUMBA_CACHE_DIR"] = str(folder)
-        return
+    """Keep compiled code where nobody else can put any; an installed package may be read-only, or another user's."""
+    if "NUMBA_CACHE_DIR" not in os.environ:
+        with suppress(OSError):  # then it is compiled each time
+            os.environ["NUMBA_CACHE_DIR"] = str(private_folder("fin_sim"))
 
 
 _choose_cache_folder()

@@ -6,21 +6,14 @@ import math
 import shutil
 from typing import TYPE_CHECKING
 
-import matplotlib as mpl
 import numpy as np
 
-mpl.use("Agg")  # files only: a robot has no screen
-
-from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
+from fin_plant.figures import new_figure, own_style
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
     from fin_sim.sweep import Axis
     from fin_sim.swim_result import Swim
@@ -33,17 +26,7 @@ ANIMATIONS = (".gif", ".mp4")
 _LARGEST_LEGEND = 6
 
 
-def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> tuple[Figure, NDArray[np.object_]]:
-    """Return a figure of these inches and its axes, shape (rows, columns)."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes: NDArray[np.object_] = figure.subplots(rows, columns, squeeze=False)
-    for axis in axes.flat:
-        axis.grid(visible=True, color="#e4e7eb", linewidth=0.8)
-        axis.set_axisbelow(True)
-        axis.spines[["top", "right"]].set_visible(False)
-    return figure, axes
-
-
+@own_style()
 def plot_swim(swim: Swim, path: Path) -> None:
     """Draw course, forward speed, joint angles and servo power of a swim into a PNG.
 
@@ -79,6 +62,7 @@ def plot_swim(swim: Swim, path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
+@own_style()
 def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path) -> None:
     """Draw mean and steady speed over the first swept number, one curve for each value of the second, into a PNG.
 
@@ -126,6 +110,7 @@ def check_animation(path: Path) -> None:
         raise ValueError(msg)
 
 
+@own_style()
 def animate_swim(swim: Swim, path: Path, body_axes: tuple[float, float]) -> None:
     """Draw a swim from above as GIF or MP4 in real time: body, tail, fin and the path swum.
 
@@ -138,6 +123,11 @@ def animate_swim(swim: Swim, path: Path, body_axes: tuple[float, float]) -> None
         ValueError: See `check_animation`.
         OSError: The file cannot be written.
     """
+    # Loaded within the figures' own style: `own_style` has brought matplotlib in by now.
+    from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter  # noqa: PLC0415
+    from matplotlib.collections import LineCollection  # noqa: PLC0415
+    from matplotlib.patches import Ellipse  # noqa: PLC0415
+
     check_animation(path)
     frames = max(2, min(round(swim.duration * _FRAMES_PER_SECOND), _MOST_FRAMES))
     samples = np.linspace(0, len(swim.time) - 1, frames).round().astype(int)

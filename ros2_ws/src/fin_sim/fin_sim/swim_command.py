@@ -21,6 +21,7 @@ from rich.progress import track
 from rich.table import Table
 
 from fin_plant import checks
+from fin_plant.figures import try_to_draw
 from fin_plant.fin import PLANT_PARAMETERS, SHAPES
 from fin_plant.parameters import ParameterTable
 from fin_sim import case as case_files
@@ -31,7 +32,7 @@ from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_ax
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from fin_plant.parameters import Parameter, Value
     from fin_sim.swim_result import Swim
@@ -208,7 +209,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
         msg = f"{options.plot}: a picture's name must end in .png"
         raise ValueError(msg)
     if options.animate:
-        from fin_sim.picture import check_animation  # noqa: PLC0415  (matplotlib takes a second to load)
+        from fin_sim.picture import check_animation  # noqa: PLC0415  (not needed without a picture)
 
         check_animation(options.animate)
     if options.csv == "-" and options.json:
@@ -238,6 +239,17 @@ def _output(path: Path) -> Iterator[Path]:
         yield new
         os.replace(new, path)  # noqa: PTH105
     print(f"swim: {'replaced' if replaced else 'wrote'} {path}", file=sys.stderr)  # noqa: T201
+
+
+def _draw(path: Path, draw: Callable[[Path], None]) -> None:
+    """Draw a picture into a file; a picture that fails is told and costs the swim none of its numbers."""
+
+    def write() -> None:
+        with _output(path) as file:
+            draw(file)
+
+    if failure := try_to_draw(path, write):
+        print(f"swim: warning: {failure}", file=sys.stderr)  # noqa: T201
 
 
 def _trajectory(swim: Swim, target: str, every: int) -> None:
@@ -295,13 +307,11 @@ def _one(swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float]
     if options.plot:
         from fin_sim.picture import plot_swim  # noqa: PLC0415
 
-        with _output(options.plot) as file:
-            plot_swim(swim, file)
+        _draw(options.plot, lambda file: plot_swim(swim, file))
     if options.animate:
         from fin_sim.picture import animate_swim  # noqa: PLC0415
 
-        with _output(options.animate) as file:
-            animate_swim(swim, file, body_axes)
+        _draw(options.animate, lambda file: animate_swim(swim, file, body_axes))
     if options.json:
         print(_json(_figures(swim, case_row)))  # noqa: T201
     elif options.csv != "-":
@@ -378,8 +388,7 @@ def _put_out_sweep(axes: list[Axis], rows: list[dict[str, float | None]], option
     if options.plot:
         from fin_sim.picture import plot_sweep  # noqa: PLC0415
 
-        with _output(options.plot) as file:
-            plot_sweep(axes, rows, file)
+        _draw(options.plot, lambda file: plot_sweep(axes, rows, file))
     if options.json:
         print(_json(rows))  # noqa: T201
     elif options.csv == "-":

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fin_plant.figures import new_figure, own_style
 from fin_plant.fin import Fin
 from fin_sim import closed_forms
 from fin_sim.chain import fin_links
-from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, TAIL_COLOUR, new_figure
+from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, TAIL_COLOUR
 from fin_sim.swim import swim
 from fin_sim.validation.page import Check, Section
 
@@ -62,6 +63,7 @@ def extrapolated(segments: tuple[int, ...], speeds: NDArray[np.float64]) -> floa
     return float((fine * speeds[-1] - coarse * speeds[-2]) / (fine - coarse))
 
 
+@own_style()
 def section(figures: Path) -> Section:
     """Return the part on convergence and draw its picture."""
     errors = step_errors()

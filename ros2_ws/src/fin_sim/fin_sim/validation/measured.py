@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
+from fin_plant.figures import new_figure, own_style
 from fin_plant.gait import Gait, GaitFollower, JointDrive
 from fin_sim import dynamics
 from fin_sim.chain import Chain
 from fin_sim.fish import Body, Link, Water
-from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, TAIL_COLOUR, new_figure
+from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, TAIL_COLOUR
 from fin_sim.validation.page import Check, Section
 
 if TYPE_CHECKING:
@@ -161,6 +162,7 @@ def _errors(numbers: NDArray[np.float64], swims: list[Measured], frequency: floa
     return float(np.sqrt(np.mean(speed**2))), float(np.sqrt(np.mean(turn**2)))
 
 
+@own_style()
 def _draw(path: Path, numbers: NDArray[np.float64], swims: list[Measured], frequency: float) -> None:
     figure, axes = new_figure(10.0, 4.6, 1, 2)
     colours = {15: BODY_COLOUR, 25: TAIL_COLOUR, 30: FIN_COLOUR}

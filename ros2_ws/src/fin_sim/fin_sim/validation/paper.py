@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import brentq
 
+from fin_plant.figures import new_figure, own_style
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
 from fin_sim.chain import build_chain
 from fin_sim.paper_models import mean_thrust_held, simulation, speed_from_thrust
-from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, TAIL_COLOUR, new_figure
+from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, TAIL_COLOUR
 from fin_sim.swim import PAPER_FISH, swim
 from fin_sim.validation.page import PUBLISHED_TOLERANCE, Check, Published, Section
 
@@ -142,6 +143,7 @@ def sensitivities() -> list[tuple[str, float, float]]:
     return result
 
 
+@own_style()
 def _draw(path: Path, points: dict[str, Curve], model: Curve, simulated: Curve) -> None:
     figure, axes = new_figure(9.0, 4.8)
     panel = axes[0, 0]
