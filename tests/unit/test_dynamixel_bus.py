@@ -172,7 +172,7 @@ def test_a_port_that_can_is_asked_to_hand_bytes_on_at_once(monkeypatch: pytest.M
     monkeypatch.setattr(serial.Serial, "set_low_latency_mode", lambda _, low: asked.append(low))
     port = PtyPort(servos(1), tmp_path / "port")
     SerialLine(str(port.path), FAST).close()
-    SerialLine("loop://", FAST).close()  # has no such mode
+    SerialLine("loop://", FAST, ["loop"]).close()  # has no such mode
     port.close()
     assert asked == [True]
 

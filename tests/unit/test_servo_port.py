@@ -6,6 +6,7 @@ import errno
 import grp
 import os
 import pty
+import socket
 import termios
 import tty
 from typing import TYPE_CHECKING
@@ -14,11 +15,13 @@ import pytest
 import serial
 
 from fin_servo_driver import port
+from fin_servo_driver.emulator.devices import Firmata
+from fin_servo_driver.emulator.pty_port import PtyPort
 from fin_servo_driver.line import LineLostError, LineStalledError, PortUnavailableError
 from fin_servo_driver.port import BackOff, SerialLine, explain, name_warning
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 
@@ -67,8 +70,94 @@ def test_an_absent_port_cannot_be_opened(tmp_path: Path) -> None:
 
 
 def test_an_unknown_url_cannot_be_opened() -> None:
-    with pytest.raises(PortUnavailableError, match="cannot be opened"):
+    with pytest.raises(PortUnavailableError, match="is refused: ports are the absolute paths of devices"):
         SerialLine("telepathy://fish", 57600)
+
+
+@pytest.fixture
+def listener() -> Iterator[socket.socket]:
+    """A server on this computer that nobody may call."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.0)
+        yield server
+
+
+@pytest.mark.parametrize("scheme", [*port.SCHEMES, "SPY", "Socket", "cp2110", "file", "http"])
+def test_a_url_is_no_port(scheme: str, tmp_path: Path, listener: socket.socket, ends: tuple[int, str]) -> None:
+    victim = tmp_path / "notes"
+    victim.write_text("kept")
+    host = f"127.0.0.1:{listener.getsockname()[1]}"
+    for rest in (f"{ends[1]}?file={victim}", host, str(victim), f"{victim}?file={victim}", ""):
+        with pytest.raises(PortUnavailableError, match=r"is refused: ports are the absolute paths of devices"):
+            SerialLine(f"{scheme}://{rest}", 57600)
+    assert victim.read_text() == "kept"
+    with pytest.raises(BlockingIOError):
+        listener.accept()
+
+
+def test_a_scheme_that_was_allowed_opens_and_no_other_does(listener: socket.socket) -> None:
+    url = f"socket://127.0.0.1:{listener.getsockname()[1]}"
+    line = SerialLine(url, 57600, ["socket"])
+    listener.accept()[0].close()
+    line.close()
+    with pytest.raises(PortUnavailableError, match=r"needs port_schemes:=\[socket\] at the start"):
+        SerialLine(url, 57600, ["loop", "spy"])
+
+
+@pytest.mark.parametrize("file", ["file=", "file=%2e/notes&file=x", "all&file"])
+def test_no_port_names_a_file_even_where_its_scheme_is_allowed(file: str, ends: tuple[int, str]) -> None:
+    with pytest.raises(PortUnavailableError, match="no port may name a file to write"):
+        SerialLine(f"spy://{ends[1]}?{file}", 57600, port.SCHEMES)
+    SerialLine(f"spy://{ends[1]}", 57600, ["spy"]).close()
+
+
+@pytest.mark.parametrize("scheme", ["", "spy://", "alt://"])
+@pytest.mark.parametrize("kind", ["a file", "a folder", "a pipe", "a socket"])
+@pytest.mark.parametrize("linked", [False, True])
+def test_what_is_no_device_is_neither_opened_nor_changed(scheme: str, kind: str, linked: bool, tmp_path: Path) -> None:
+    path = tmp_path / "port"
+    with socket.socket(socket.AF_UNIX) as server:
+        make: dict[str, Callable[[], object]] = {
+            "a file": lambda: path.write_text("kept"),
+            "a folder": path.mkdir,
+            "a pipe": lambda: os.mkfifo(path),
+            "a socket": lambda: server.bind(str(path)),
+        }
+        make[kind]()
+        name = path
+        if linked:
+            name = tmp_path / "link"
+            name.symlink_to(path)
+        with pytest.raises(PortUnavailableError, match=f"it is {kind}, and no serial device"):
+            SerialLine(f"{scheme}{name}", 57600, port.SCHEMES)
+    assert not path.is_file() or path.read_text() == "kept"
+
+
+@pytest.mark.parametrize("path", ["/dev/null", "/dev/zero", "/dev/full", "/dev/random", "/dev/tty", "/dev/ptmx"])
+def test_a_device_that_is_no_serial_port_is_refused(path: str) -> None:
+    with pytest.raises(PortUnavailableError, match="no serial port and no pseudo-terminal"):
+        SerialLine(path, 57600)
+
+
+def test_kernels_serial_drivers_are_told_by_their_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drivers = tmp_path / "drivers"  # as a desktop with two adapters lists them
+    drivers.write_text(
+        "/dev/tty             /dev/tty        5       0 system:/dev/tty\n"
+        "usbserial            /dev/ttyUSB   188 0-511 serial\n"
+        "acm                  /dev/ttyACM   166 0-255 serial\n"
+        "serial               /dev/ttyS       4 64-95 serial\n"
+        "pty_slave            /dev/pts      136 0-1048575 pty:slave\n"
+        "unknown              /dev/tty        4 1-63 console\n"
+    )
+    monkeypatch.setattr(port, "_DRIVERS", drivers)
+    assert all(port._is_serial(os.makedev(*number)) for number in ((188, 0), (166, 3), (4, 64), (136, 70)))
+    assert not any(port._is_serial(os.makedev(*number)) for number in ((4, 1), (5, 0), (1, 3), (10, 130)))
+
+
+@pytest.mark.parametrize("path", ["ttyUSB0", "./port", "../dev/ttyUSB0", "~/port", "", " /dev/ttyUSB0", "/dev/tty\0"])
+def test_a_port_is_an_absolute_path(path: str) -> None:
+    with pytest.raises(PortUnavailableError, match="ports are absolute paths of devices"):
+        SerialLine(path, 57600)
 
 
 def test_a_port_is_for_one_program(ends: tuple[int, str]) -> None:
@@ -80,7 +169,7 @@ def test_a_port_is_for_one_program(ends: tuple[int, str]) -> None:
 
 
 def test_a_loop_is_a_line_too() -> None:
-    line = SerialLine("loop://", 57600)
+    line = SerialLine("loop://", 57600, ["loop"])
     line.write(b"abc")
     assert line.read(0.1) == b"abc"
     assert line.read(0.0) == b""
@@ -198,3 +287,11 @@ def test_presence_follows_the_file(tmp_path: Path) -> None:
     path.touch()
     assert port.is_present(str(path))
     assert port.is_present("socket://robot:4000")
+
+
+def test_an_emulated_port_takes_no_files_place(tmp_path: Path) -> None:
+    path = tmp_path / "port"
+    path.write_text("kept")
+    with pytest.raises(FileExistsError, match="is no link"):
+        PtyPort(Firmata(), path)
+    assert path.read_text() == "kept"

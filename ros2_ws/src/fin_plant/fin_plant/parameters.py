@@ -54,7 +54,7 @@ class Parameter:
             "bool": self._truth,
             "string": self._text,
             "double_array": lambda items: [self._number(item) for item in self._items(items)],
-            "string_array": lambda items: [str(item) for item in self._items(items)],
+            "string_array": lambda items: [self._text(str(item)) for item in self._items(items)],
         }
         return checkers[self.kind](value)
 

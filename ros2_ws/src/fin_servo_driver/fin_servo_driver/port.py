@@ -11,10 +11,15 @@ import stat
 import termios
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import parse_qs, urlsplit
 
 import serial
 
 from fin_servo_driver.line import LineLostError, LineStalledError, PortUnavailableError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
 
 WRITE_TIMEOUT = 0.05
 """s. Three set-points of a pulse servo: a line that takes none for so long is not worth waiting for."""
@@ -22,22 +27,37 @@ FRAMES_WAITING = 2
 """Frames that may wait in the port's buffer; more are set-points of the past."""
 _GONE = (OSError, termios.error)
 """What pyserial raises when a port has vanished. The second is no OSError, and comes out of pyserial as it is."""
+SCHEMES = ("alt", "hwgrep", "loop", "rfc2217", "socket", "spy")
+"""Of pyserial's URLs: a port may be one only where whoever started the program has allowed its scheme by name."""
+_ON_A_DEVICE = ("alt", "spy")
+"""Schemes whose URLs hold the path of a device, which is checked like any other."""
+_DRIVERS = Path("/proc/tty/drivers")
+_SERIAL_DRIVERS = ("serial", "pty:slave")
+"""As the kernel calls what serial ports and pseudo-terminals are, against consoles and the like."""
 _NAME_THAT_CHANGES = re.compile(r"/dev/tty(USB|ACM)\d+")
 
 
 class SerialLine:
-    """A line of `line.Line` on a serial port, a pty, or any URL that pyserial knows."""
+    """A line of `line.Line` on a serial port or a pseudo-terminal."""
 
-    def __init__(self, port: str, baud: int) -> None:
+    def __init__(self, port: str, baud: int, schemes: Collection[str] = ()) -> None:
         """Open the port.
 
+        Args:
+            port: Its absolute path, or a URL of pyserial.
+            baud: Bits a second.
+            schemes: The URL schemes of `SCHEMES` that are allowed; see `require_port`.
+
         Raises:
-            PortUnavailableError: It is absent, busy or not permitted; the message says what to do.
+            PortUnavailableError: It is no serial port, absent, busy or not permitted; the message says what to do.
         """
         self.port = port
         self._longest_frame = 1
+        require_port(port, schemes)
         try:
-            self._serial = serial.serial_for_url(port, do_not_open=True)
+            is_url = "://" in port
+            self._serial = serial.serial_for_url(port, do_not_open=True) if is_url else serial.Serial()
+            self._serial.port = port
             self._serial.baudrate = baud
             self._serial.exclusive = True
             self._serial.timeout = 0.0
@@ -114,6 +134,72 @@ class SerialLine:
 
     def _lost(self, error: Exception) -> str:
         return f"{self.port} was lost ({_text(error)}): is the cable in, and has the device power?"
+
+
+def require_port(port: str, schemes: Collection[str] = ()) -> None:
+    """Refuse what is no serial port.
+
+    Whoever is on the graph may name a port, and to open one may do harm: URLs of pyserial overwrite files and call other
+    computers, a file would be written into, a pipe waited for. A path that is not there, or must not be looked at, passes: to open it says so.
+
+    Args:
+        port: Path or URL.
+        schemes: The URL schemes that are allowed.
+
+    Raises:
+        PortUnavailableError: It is refused; the message says why.
+    """
+    scheme, is_url, _ = port.partition("://")
+    if is_url:
+        if scheme.lower() not in schemes:
+            known = f": a URL of {scheme.lower()} needs port_schemes:=[{scheme.lower()}] at the start"
+            _refuse(port, f"ports are the absolute paths of devices{known if scheme.lower() in SCHEMES else ''}")
+        parts = urlsplit(port)
+        if "file" in parse_qs(parts.query, keep_blank_values=True):
+            _refuse(port, "no port may name a file to write; without file= its bytes are shown on the terminal")
+        if scheme.lower() not in _ON_A_DEVICE:
+            return
+        port = parts.netloc + parts.path
+    path = Path(port)
+    if not path.is_absolute() or "\0" in port:
+        _refuse(port, "ports are absolute paths of devices, like /dev/serial/by-id/...")
+    try:
+        status = path.stat()  # of what a link leads to
+    except OSError:
+        return
+    if not stat.S_ISCHR(status.st_mode):
+        kind = next((name for is_it, name in _KINDS if is_it(status.st_mode)), "no device")
+        _refuse(port, f"it is {kind}, and no serial device")
+    if not _is_serial(status.st_rdev):
+        _refuse(port, "it is a device, but no serial port and no pseudo-terminal")
+
+
+_KINDS = (
+    (stat.S_ISREG, "a file"),
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISBLK, "a disk"),
+)
+
+
+def _refuse(port: str, reason: str) -> None:
+    msg = f"port {port!r} is refused: {reason}. {available()}"
+    raise PortUnavailableError(msg)
+
+
+def _is_serial(device: int) -> bool:
+    """Whether the kernel lists a device number among its serial ports and pseudo-terminals; yes if it has no list."""
+    try:
+        lines = _DRIVERS.read_text(encoding="ascii").splitlines()
+    except OSError:
+        return True
+    for line in lines:
+        *_, major, minors, kind = line.split()
+        first, _, last = minors.partition("-")
+        if int(major) == os.major(device) and int(first) <= os.minor(device) <= int(last or first):
+            return kind in _SERIAL_DRIVERS
+    return False
 
 
 def explain(port: str, error: Exception) -> str:

@@ -214,8 +214,9 @@ class ServoDriver:
         period = 1.0 / backend.rate
         self._motion = _motion(robot, period)
         baud = robot.baud or backend.baud
+        schemes = cast("list[str]", self._values["port_schemes"])
         self._io = IoThread(
-            backend, self._motion, self._settings(), lambda: SerialLine(port, baud), port, self._log.warning
+            backend, self._motion, self._settings(), lambda: SerialLine(port, baud, schemes), port, self._log.warning
         )
         try:
             self._io.start()

@@ -69,7 +69,13 @@ class PtyPort:
             keep: Whether to keep what is received.
             baud: Bits a second of the line; 0 carries everything at once.
             delay: s that every answer takes longer: what the device and a USB adapter wait.
+
+        Raises:
+            FileExistsError: Something else than an earlier port's link is at ``path``.
         """
+        if path.exists() and not path.is_symlink():
+            msg = f"{path} is no link: the emulated port does not take its place"
+            raise FileExistsError(msg)
         self.device = device
         self.path = path
         self.drop_rate = 0.0
