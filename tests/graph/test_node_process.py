@@ -12,6 +12,7 @@ import pytest
 from std_msgs.msg import Float64MultiArray
 
 from fin_plant.gait import PAPER_GAIT
+from fin_plant.node_process import END_BY_SIGNAL_IS_SUCCESS
 from support.plant_client import PlantClient
 from support.processes import executable_path
 
@@ -68,6 +69,19 @@ def test_a_full_disk_does_not_change_the_exit_code(ros_domain: int, arguments: s
     with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
         ended = subprocess.run([sys.executable, "-c", script], stdout=full, stderr=full, timeout=60, check=False)
     assert ended.returncode == code
+
+
+def test_a_node_that_launch_interrupts_has_ended_well(ros_domain: int) -> None:
+    environment = os.environ | {END_BY_SIGNAL_IS_SUCCESS: "1"}
+    node = subprocess.Popen([executable_path("fin_sim", "simulator")], env=environment)
+    try:
+        with PlantClient(ros_domain) as client:
+            client.swim(PAPER_GAIT, 0.2)
+        node.send_signal(signal.SIGINT)
+        assert node.wait(15) == 0
+    finally:
+        node.kill()
+        node.wait()
 
 
 def test_a_node_goes_on_and_logs_to_its_file_where_nobody_reads_its_errors(ros_domain: int, tmp_path: Path) -> None:

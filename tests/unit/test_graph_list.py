@@ -207,16 +207,37 @@ def launch_file(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     return runpy.run_path(str(LAUNCH_FILE))
 
 
-def launch_context(launch_file: dict[str, Any], **given: str) -> types.SimpleNamespace:
-    *declared, _ = launch_file["generate_launch_description"]().arguments[0]
-    assert [item.arguments[0] for item in declared] == [argument.name for argument in graph.arguments()]
-    configurations = {item.arguments[0]: item.named["default_value"] for item in declared} | given
-    return types.SimpleNamespace(launch_configurations=configurations, is_shutdown=False)
+class Launched:
+    """A launch of the file: launch sets what was given, adds the defaults that are missing, and runs the functions."""
+
+    def __init__(self, launch_file: dict[str, Any], given: dict[str, str], *, included: bool = False) -> None:
+        note, *declared, start = launch_file["generate_launch_description"]().arguments[0]
+        assert [item.arguments[0] for item in declared] == [argument.name for argument in graph.arguments()]
+        argv = [] if included else [f"{name}:={value}" for name, value in given.items()]
+        self.context = types.SimpleNamespace(launch_configurations=dict(given), is_shutdown=False, argv=argv)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", ["ros2", "launch", "tank.launch.py" if included else LAUNCH_FILE.name])
+            note.named["function"](self.context)
+        defaults = {item.arguments[0]: item.named["default_value"] for item in declared}
+        self.context.launch_configurations = defaults | given
+        self.nodes = start.named["function"](self.context)
+
+    def end(self, node: Recorded, code: int = 0) -> list[Recorded]:
+        result: list[Recorded] = node.named["on_exit"](types.SimpleNamespace(returncode=code), self.context)
+        return result
 
 
-def test_the_launch_file_starts_the_same_nodes(launch_file: dict[str, Any]) -> None:
-    given = {"trials": "7", "plants": "[/b/fish, /a/fish]"}
-    started = [node.named for node in launch_file["start_nodes"](launch_context(launch_file, **given))]
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"trials": "7", "plants": "[/b/fish, /a/fish]"},
+        {"plant": "rehearsal"},
+        {"plant": "rehearsal", "robot_file": "modbus", "trials": "2"},
+        {"plant": "sim", "repeats": "2"},
+    ],
+)
+def test_the_launch_file_starts_the_same_nodes(launch_file: dict[str, Any], given: dict[str, str]) -> None:
+    started = [node.named for node in Launched(launch_file, given).nodes]
     expected = graph.nodes(given)
     assert [(node["package"], node["executable"], node["name"], node["namespace"]) for node in started] == [
         (spec.package, spec.executable, spec.name, spec.namespace) for spec in expected
@@ -228,33 +249,60 @@ def said(actions: list[Recorded]) -> list[tuple[str, Any]]:
     return [(type(action).__name__, next(iter(action.named.values()))) for action in actions]
 
 
-def test_a_launch_argument_that_is_nearly_one_is_refused(launch_file: dict[str, Any]) -> None:
-    context = launch_context(launch_file)
-    context.launch_configurations |= {"trails": "2", "of_another_launch_file": "1", "robot_file": "of another plant"}
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"trails": "2"}, r"trails:= is no argument of a study with plant:=sim: did you mean trials\?"),
+        ({"of_no_launch_file": "1"}, "of_no_launch_file:= is no argument of a study with plant:=sim"),
+        ({"robot_file": "a.yaml"}, "with plant:=sim: it is one with plant:=robot or plant:=rehearsal"),
+    ],
+)
+def test_an_unknown_launch_argument_is_refused(
+    launch_file: dict[str, Any], given: dict[str, str], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        Launched(launch_file, given)
+
+
+def test_a_launch_file_that_includes_the_studys_may_have_arguments_of_its_own(launch_file: dict[str, Any]) -> None:
+    given = {"of_the_other_file": "1", "robot_file": "of another plant", "trials": "2"}
+    assert [node.named["parameters"] for node in Launched(launch_file, given, included=True).nodes] == [
+        [dict(spec.parameters)] for spec in graph.nodes({"trials": "2"})
+    ]
     with pytest.raises(ValueError, match=r"trails:= is no argument of a study: did you mean trials\?"):
-        launch_file["start_nodes"](context)
-    del context.launch_configurations["trails"]
-    assert launch_file["start_nodes"](context)
+        Launched(launch_file, {"trails": "2"}, included=True)
 
 
 def test_a_launched_study_ends_with_its_optimiser_or_its_last_fish(launch_file: dict[str, Any]) -> None:
-    context = launch_context(launch_file, plants="[/a/fish, /b/fish]", plant="rehearsal")
-    nodes = launch_file["start_nodes"](context)
-    assert said([nodes[-1].named["on_exit"]]) == [("Shutdown", "optimizer has ended")]
+    launched = Launched(launch_file, {"plants": "[/a/fish, /b/fish]", "plant": "rehearsal"})
+    nodes, end = launched.nodes, launched.end
+    assert said(end(nodes[-1])) == [("Shutdown", "the study has ended")]
     of_a, of_b = nodes[:3], nodes[3:6]
-    words, others = of_a[1].named["on_exit"](None, context)
-    assert said([words]) == [("LogInfo", "/a/fish/servo_driver has ended: the study goes on without /a/fish")]
+    words, others = end(of_a[1], 1)
+    ended = "/a/fish/servo_driver has ended with exit code 1: the study goes on without /a/fish"
+    assert said([words]) == [("LogInfo", ended)]
     matches = others.named["event"].named["process_matcher"]
     assert [node for node in nodes if matches(node)] == of_a
-    assert of_a[0].named["on_exit"](None, context) == []
-    assert said(of_b[2].named["on_exit"](None, context)) == [("Shutdown", "/b/fish/velocity_estimator has ended")]
+    assert end(of_a[0]) == []
+    with pytest.raises(RuntimeError, match="/b/fish/velocity_estimator has ended with exit code 0 before the study"):
+        end(of_b[2])
+
+
+def test_the_exit_code_of_an_optimiser_that_fails_is_that_of_launch(
+    launch_file: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at_exit: list[tuple[Any, ...]] = []
+    monkeypatch.setattr("atexit.register", lambda *call: at_exit.append(call))
+    launched = Launched(launch_file, {})
+    with pytest.raises(RuntimeError, match="the optimiser has ended with exit code 2"):
+        launched.end(launched.nodes[-1], 2)
+    assert [code for _, code in at_exit] == [2]
 
 
 def test_the_nodes_of_a_launched_study_that_is_stopped_end_without_a_word(launch_file: dict[str, Any]) -> None:
-    context = launch_context(launch_file, plants="[/a/fish, /b/fish]")
-    nodes = launch_file["start_nodes"](context)
-    context.is_shutdown = True
-    assert [node.named["on_exit"](None, context) for node in nodes[:-1]] == [[], []]
+    launched = Launched(launch_file, {"plants": "[/a/fish, /b/fish]"})
+    launched.context.is_shutdown = True
+    assert [launched.end(node) for node in launched.nodes] == [[], [], []]
 
 
 def test_a_fin_is_swum_three_times_on_a_robot_and_once_in_the_simulator_unless_asked_otherwise() -> None:

@@ -159,7 +159,7 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     values = {name: text for name, text in given.items() if name not in {"plant", "namespace"}}
     if not values.get("repeats"):
         values["repeats"] = _REPEATS.get(kind, "1")
-    _refuse_unknown(values, kind)
+    refuse_unknown(values, kind)
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, _parameters(OPTIMIZER_PARAMETERS, values))
     if kind != "sim" and "objective" in optimizer.parameters:
         msg = f"objective:={values['objective']} needs a plant that tells its servos' torques, and of all only sim does"
@@ -190,7 +190,7 @@ def check_robot_files(specs: Iterable[NodeSpec]) -> None:
 def misspelt(given: Iterable[str], plant: str) -> list[str]:
     """Return a text for each name that is no argument of a study with this plant, but nearly one.
 
-    `ros2 launch` takes any name: one that is far from all may be another launch file's.
+    For a launch file that includes the study's: a name that is far from all may be its own.
     """
     known, every = _names(plant), _names()
     near = {name: difflib.get_close_matches(name, known, n=1, cutoff=0.8) for name in given if name not in every}
@@ -229,7 +229,12 @@ def _words(text: str) -> list[str]:
     return [word for word in re.split(r"[\[\],\s]+", text) if word]
 
 
-def _refuse_unknown(names: Iterable[str], plant: str) -> None:
+def refuse_unknown(names: Iterable[str], plant: str) -> None:
+    """Refuse what is no argument of a study with this plant.
+
+    Raises:
+        ValueError: A name that is none; the message says with which plant it is one, or offers the nearest names.
+    """
     known = _names(plant)
     for name in names:
         if name in known:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 # every three seconds, and a plant that waits for its listeners would stand still.
 FAST_DDS_PROFILE = Path(__file__).with_name("fast_dds_profile.xml")
 EXIT_OK = 0
+END_BY_SIGNAL_IS_SUCCESS = "FIN_END_BY_SIGNAL_IS_SUCCESS"
+"""Environment variable; where it is set a node that was ended by a signal ends with exit code 0, for `ros2 launch`."""
 EXIT_FAILURE = 1
 EXIT_USAGE = 2
 # A callback that waits on nothing returns at once; this bounds how late a stop is seen.
@@ -84,7 +86,8 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
 
     Returns:
         The node's own exit code, 128 + signal after SIGINT (130), SIGTERM (143) or SIGHUP (129, its terminal was
-        closed), 2 for a start value that is refused (its message goes to stderr).
+        closed) or 0 then if END_BY_SIGNAL_IS_SUCCESS is set, 2 for a start value that is refused (its message goes to
+        stderr).
     """
     outlast_the_reader()
     if args is None and (asked := _refuse_words(*remove_ros_args(sys.argv))) is not None:
@@ -117,4 +120,6 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
         except Exception:  # noqa: BLE001  (a defect; left to the interpreter's end, the middleware would hang there)
             traceback.print_exc()
             code = EXIT_FAILURE
-    return 128 + stop.signal if stop.signal else (code or EXIT_OK)
+    if stop.signal and not os.environ.get(END_BY_SIGNAL_IS_SUCCESS):
+        return 128 + stop.signal
+    return code or EXIT_OK
