@@ -13,7 +13,7 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
-from fin_optimizer.bag import read_bag
+from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.study import read_trials
 from fin_optimizer.trial import Outcome
 from fin_plant import topics

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.bag import MAGIC_SIZE, is_closed, read_bag
+from fin_optimizer.bag_reader import MAGIC_SIZE, is_closed, read_bag
 from fin_optimizer.score_bag import score_bag
 from fin_optimizer.study import candidates, read_trials
 from fin_optimizer.trial import Outcome

@@ -18,7 +18,7 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from fin_optimizer.bag import read_bag
+from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.score_bag import score_bag
 from fin_optimizer.study import read_trials
 from fin_optimizer.trial import Outcome

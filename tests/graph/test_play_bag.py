@@ -9,7 +9,8 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from fin_optimizer.bag import BagWriter, read_bag
+from fin_optimizer.bag import BagWriter
+from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.recorder import Recorder
 from fin_optimizer.score import Measurement, score
 from fin_optimizer.score_bag import score_bag, swimming_since

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 import rclpy
 
-from fin_optimizer.bag import BagError, read_bag, read_velocity
+from fin_optimizer.bag import BagError
+from fin_optimizer.bag_reader import read_bag, read_velocity
 from fin_optimizer.recorder import Recorder
 from fin_optimizer.score import Measurement, score
 from fin_optimizer.score_bag import score_bag

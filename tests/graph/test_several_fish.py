@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from fin_optimizer.bag import read_bag
+from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.score_bag import cost_of_transport, score_bag
 from fin_optimizer.study import Objective, candidates, front, read_settings, read_trials
 from fin_optimizer.trial import Outcome

@@ -23,17 +23,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from fin_optimizer import bag as bag_module
-from fin_optimizer.bag import (
-    BagError,
-    BagTopic,
-    BagWriter,
-    bag_metadata,
-    decode,
-    header_stamp,
-    message_types,
-    read_bag,
-    read_velocity,
-)
+from fin_optimizer.bag import BagError, BagTopic, BagWriter, decode, header_stamp, message_types
+from fin_optimizer.bag_reader import bag_metadata, read_bag, read_velocity
 from fin_optimizer.score import Measurement, ScoreError, score
 from fin_optimizer.score_bag import main, score_bag, start_of_swim
 from support.bags import GAIT, SECOND, START, STATE, STEP, VELOCITY, gait, quality, state

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.bag import BagError, BagWriter, read_bag
+from fin_optimizer.bag import BagError, BagWriter
+from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.disk_space import shortage
 from fin_optimizer.journal import StudyError, check_lines
 from fin_optimizer.repair_bags import repair_bag

@@ -15,7 +15,8 @@ from rosbags.rosbag2 import Reader
 
 from fin_optimizer import bag as bag_module
 from fin_optimizer import repair_bags as repair_module
-from fin_optimizer.bag import BagError, BagTopic, BagWriter, is_closed, read_bag
+from fin_optimizer.bag import BagError, BagTopic, BagWriter
+from fin_optimizer.bag_reader import is_closed, read_bag
 from fin_optimizer.repair_bags import main, repair_bag, repair_bags
 from fin_optimizer.score import Measurement
 from fin_optimizer.score_bag import score_bag

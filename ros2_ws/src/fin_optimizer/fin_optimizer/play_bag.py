@@ -27,7 +27,8 @@ from rclpy.qos import (
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from fin_optimizer.bag import BagError, read_bag
+from fin_optimizer.bag import BagError
+from fin_optimizer.bag_reader import read_bag
 from fin_plant import node_process, topics
 from fin_plant.messages import NANOSECONDS, time_message
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
     from rosbags.interfaces import Qos
 
-    from fin_optimizer.bag import Bag
+    from fin_optimizer.bag_reader import Bag
 
 _SLICE = 100
 """Messages published between two looks at the callbacks."""

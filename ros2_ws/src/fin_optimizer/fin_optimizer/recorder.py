@@ -17,15 +17,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rclpy.type_support import check_is_valid_msg_type
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from fin_optimizer.bag import (
-    BagError,
-    BagSummary,
-    BagTopic,
-    BagWriter,
-    has_header,
-    header_stamp,
-    velocity_samples,
-)
+from fin_optimizer.bag import BagError, BagSummary, BagTopic, BagWriter, has_header, header_stamp, velocity_samples
 from fin_plant.topics import JOINT_STATES, PLANT_STATE, RECORDED_TOPICS, VELOCITY, Topic
 
 if TYPE_CHECKING:

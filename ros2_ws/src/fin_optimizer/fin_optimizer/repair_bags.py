@@ -14,12 +14,13 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fin_optimizer.bag import MAGIC_SIZE, BagError, BagTopic, BagWriter, is_closed, lock, mcap_file, read_bag
+from fin_optimizer.bag import BagError, BagTopic, BagWriter, lock
+from fin_optimizer.bag_reader import MAGIC_SIZE, is_closed, mcap_file, read_bag
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from fin_optimizer.bag import Bag
+    from fin_optimizer.bag_reader import Bag
 
 _WORK_FOLDER = ".repair"
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fin_optimizer.bag import BagError, decode, header_stamp, read_bag
+from fin_optimizer.bag import BagError, decode, header_stamp
+from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.journal import StudyError
 from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.repair_bags import bag_folders
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from fin_optimizer.bag import Bag
+    from fin_optimizer.bag_reader import Bag
     from fin_optimizer.study import TrialRecord
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
