@@ -9,9 +9,11 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 from PIL import Image
 
+from fin_plant.fin import Fin
 from fin_plant.gait import carangiform
 from fin_sim import swim_command
 from fin_sim.dynamics import StepError
@@ -84,9 +86,9 @@ def test_sweep_over_two_numbers_has_a_row_for_each_pair(capsys: pytest.CaptureFi
         capsys, *SHORT, "--sweep", "fin.young_modulus=1e8:1e10:3:log", "--sweep", "frequency=0.9,1.8", "--csv", "-"
     )
     rows = list(csv.DictReader(io.StringIO(out)))
-    assert [float(row["fin.young_modulus"]) for row in rows] == pytest.approx([1e8, 1e8, 1e9, 1e9, 1e10, 1e10])
-    assert [float(row["frequency"]) for row in rows] == [0.9, 1.8] * 3
-    assert all(float(row["mean_speed"]) > 0.0 for row in rows)
+    assert [float(row["fin.young_modulus [Pa]"]) for row in rows] == pytest.approx([1e8, 1e8, 1e9, 1e9, 1e10, 1e10])
+    assert [float(row["frequency [Hz]"]) for row in rows] == [0.9, 1.8] * 3
+    assert all(float(row["mean_speed [m/s]"]) > 0.0 for row in rows)
 
 
 def test_sweep_table_is_printed_whole(capsys: pytest.CaptureFixture[str]) -> None:
@@ -190,9 +192,26 @@ def test_sweep_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
     assert (tmp_path / "sweep.png").stat().st_size > 10_000
 
 
-def test_a_sweep_shows_the_units_of_its_numbers(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_csv_and_json_tell_the_units(capsys: pytest.CaptureFixture[str]) -> None:
+    out, _ = _run(capsys, *SHORT, "--csv", "-")
+    assert out.splitlines()[0].startswith("t [s],x [m],y [m],psi [rad],theta0 [rad],")
+    assert json.loads(_run(capsys, *SHORT, "--json")[0])["units"]["mean_speed"] == "m/s"
+    sweep = (*SHORT, "--sweep", "fin.young_modulus=1e9,2e9")
+    row = next(csv.DictReader(io.StringIO(_run(capsys, *sweep, "--csv", "-")[0])))
+    assert {"fin.young_modulus [Pa]", "mean_speed [m/s]", "mean_servo_power [W]", "strouhal_number"} <= row.keys()
+    assert float(row["mean_speed [m/s]"]) == pytest.approx(swim(Fin(young_modulus=1e9), duration=3.0).mean_speed)
+    assert json.loads(_run(capsys, *sweep, "--json")[0])[0]["units"]["fin.young_modulus"] == "Pa"
+
+
+@pytest.mark.parametrize("kind", ["pdf", "svg"])
+def test_a_picture_can_be_pdf_or_svg(capsys: pytest.CaptureFixture[str], tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"swim.{kind}"
+    _run(capsys, *SHORT, "--plot", path)
+    assert {"pdf": b"%PDF", "svg": b"<svg"}[kind] in path.read_bytes()[:2000]
+
+
+def _drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Return the list that each figure is put into when it is saved."""
     drawn: list[Figure] = []
 
     def save(figure: Figure, path: Path, **_: float) -> None:
@@ -200,6 +219,48 @@ def test_a_sweep_shows_the_units_of_its_numbers(
         path.touch()
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
+    return drawn
+
+
+def test_the_heading_of_a_picture_says_which_fin_swims_how(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn = _drawn(monkeypatch)
+    profile = ("--fin.profile_position", "0.5", "--fin.profile_height", "0.04", "--amplitude", "20")
+    _run(capsys, *SHORT, *profile, "--plot", tmp_path / "swim.png")
+    _run(capsys, *SHORT, "--sweep", "fin.length=0.06,0.08", "--plot", tmp_path / "sweep.png")
+    assert [figure.get_suptitle() for figure in drawn] == [
+        "fin 8 cm long, 2.5-4-2.5 cm high, 0.208 mm thick, E 1.2 GPa; "
+        "carangiform 20\N{DEGREE SIGN} 0.9 Hz; swims of 3 s",
+        "fin 2.5 cm high, 0.208 mm thick, E 1.2 GPa; carangiform 15\N{DEGREE SIGN} 0.9 Hz; swims of 3 s",
+    ]
+
+
+def test_many_values_of_a_second_number_are_a_map_with_the_fastest_swim_marked(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn = _drawn(monkeypatch)
+    lengths = "fin.length=0.05:0.12:8"
+    out, _ = _run(
+        capsys, *SHORT, "--sweep", "fin.young_modulus=1e8,1e9,1e10", "--sweep", lengths, "--plot",
+        tmp_path / "map.png", "--json",
+    )  # fmt: skip
+    rows = json.loads(out)
+    fastest = max(rows, key=lambda row: row["mean_speed"])
+    panel = drawn[0].axes[0]
+    assert panel.get_legend() is None
+    (mesh,) = panel.collections
+    speeds = np.asarray(mesh.get_array())
+    assert speeds.shape == (8, 3)
+    assert speeds.max() == pytest.approx(100.0 * fastest["mean_speed"])
+    (mark,) = panel.lines
+    assert np.asarray(mark.get_xydata()).tolist() == [[fastest["fin.young_modulus"], fastest["fin.length"]]]
+
+
+def test_a_sweep_shows_the_units_of_its_numbers(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    drawn = _drawn(monkeypatch)
     arguments = (*SHORT, "--sweep", "fin.young_modulus=1e9,2e9", "--sweep", "frequency=0.9,1.8")
     out, _ = _run(capsys, *arguments, "--plot", tmp_path / "sweep.png")
     names, units = (line.replace("┃", " ").split() for line in out.splitlines()[1:3])
@@ -239,7 +300,7 @@ def test_a_sweep_shows_the_units_of_its_numbers(
         (("--case", str(CASES / "plate_fixed.json"), "--sweep", "frequency=1,2"), "leave out --sweep"),
         (("--params-file", str(CASES / "plate_fixed.csv")), "not a ROS parameter file"),
         (("--servo.backlash", "0.1"), "servo.lag = 0 s"),
-        (("--plot", "swim.jpg"), "must end in .png"),
+        (("--plot", "swim.jpg"), "must end in .png, .pdf or .svg"),
         (("--animate", "swim.avi"), "must end in .gif or .mp4"),
         (("--csv", "-", "--json"), "give the CSV a file"),
         (("--sweep", "frequency=1,2", "--animate", "swim.gif"), "--animate shows one swim"),
@@ -330,8 +391,8 @@ def test_sweep_leaves_a_gap_for_a_swim_that_diverges(
     arguments = (*SHORT, "--sweep", "frequency=0.9,1,1.1", "--csv", file, "--plot", tmp_path / "sweep.png")
     _, err = _run(capsys, *arguments, code=1)
     rows = list(csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))))
-    assert [row["frequency"] for row in rows] == ["0.9", "1.0", "1.1"]
-    assert [bool(row["mean_speed"]) for row in rows] == [True, False, True]
+    assert [row["frequency [Hz]"] for row in rows] == ["0.9", "1.0", "1.1"]
+    assert [bool(row["mean_speed [m/s]"]) for row in rows] == [True, False, True]
     assert "frequency = 1: the state stopped being finite" in err
     assert (tmp_path / "sweep.png").is_file()
 
@@ -350,7 +411,7 @@ def test_interrupted_sweep_keeps_its_rows(
     file = tmp_path / "table.csv"
     _, err = _run(capsys, *SHORT, "--sweep", "frequency=0.9,1,1.1", "--csv", file, code=130)
     rows = list(csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))))
-    assert [row["frequency"] for row in rows] == ["0.9"]
+    assert [row["frequency [Hz]"] for row in rows] == ["0.9"]
     assert "stopped after 1 of 3 swims" in err
 
 

@@ -77,6 +77,21 @@ def new_figure(width: float, height: float, rows: int = 1, columns: int = 1) -> 
     return figure, axes
 
 
+FORMATS = (".png", ".pdf", ".svg")
+"""What a picture's name may end in."""
+
+
+def check_picture(path: Path) -> None:
+    """Refuse a file name that no picture can be written to.
+
+    Raises:
+        ValueError: Another ending than those of `FORMATS`.
+    """
+    if path.suffix.lower() not in FORMATS:
+        msg = f"{path}: a picture's name must end in {', '.join(FORMATS[:-1])} or {FORMATS[-1]}"
+        raise ValueError(msg)
+
+
 def try_to_draw(path: Path, draw: Callable[[], object]) -> str:
     """Draw a picture; return an empty text, or the one sentence to say where that failed.
 

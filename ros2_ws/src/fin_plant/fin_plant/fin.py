@@ -10,7 +10,7 @@ from fin_plant import checks
 from fin_plant.parameters import ParameterTable, Value, load_table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
 PLANT_PARAMETERS: ParameterTable = load_table("fin_plant", "plant_parameters.yaml")
 FIN_PARAMETERS: ParameterTable = PLANT_PARAMETERS.group("fin")
@@ -77,6 +77,27 @@ class Fin:
         """
         segment = self.length / self.segments
         return self.young_modulus * self.height_at(position) * self.thickness**3 / (12.0 * segment)
+
+    @property
+    def heights(self) -> tuple[float, ...]:
+        """Heights in m from root to tip: at both, and at the points of a profile between them."""
+        return (self.height, self.tip_height)
+
+    def describe(self, without: Collection[str] = ()) -> str:
+        """Return the fin in the words of a laboratory, for headings: ``fin 8 cm long, 2.5 cm high, 0.208 mm thick``.
+
+        Args:
+            without: Parameters (``fin.<name>``) that are not told, because they vary.
+        """
+        heights = dict.fromkeys(f"{100.0 * height:.4g}" for height in self.heights)
+        shape = "-".join(heights if len(heights) == 1 else (f"{100.0 * height:.4g}" for height in self.heights))
+        told = {
+            "fin.length": f"{100.0 * self.length:.4g} cm long",
+            "fin.height": f"{shape} cm high",
+            "fin.thickness": f"{1000.0 * self.thickness:.4g} mm thick",
+            "fin.young_modulus": f"E {self.young_modulus / 1e9:.4g} GPa",
+        }
+        return f"fin {', '.join(text for name, text in told.items() if name not in without)}"
 
     def with_area(self, area: float) -> Fin:
         """Return the fin with all heights scaled so that its side area is ``area`` m^2.
@@ -149,6 +170,11 @@ class ProfiledFin(Fin):
             raise ValueError(msg)
         object.__setattr__(self, "profile_position", positions)
         object.__setattr__(self, "profile_height", heights)
+
+    @property
+    def heights(self) -> tuple[float, ...]:
+        """Heights in m from root to tip: at both, and at the points of the profile between them."""
+        return (self.height, *self.profile_height, self.tip_height)
 
     @property
     def _stations(self) -> list[tuple[float, float]]:

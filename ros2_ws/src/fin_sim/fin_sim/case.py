@@ -209,22 +209,27 @@ def summary(swim: Swim, *, every: int | None = None) -> dict[str, float]:
     return figures
 
 
-def write_trajectory(swim: Swim, path: Path, *, every: int = SAMPLES_A_ROW) -> None:
+def write_trajectory(swim: Swim, path: Path, *, every: int = SAMPLES_A_ROW, units: bool = False) -> None:
     """Write t, x, y, psi, theta_k, servo power, and the tail's convective and resistive force in tank axes as CSV.
+
+    The header has no units where the file is to be one of a case, whose columns are named so.
 
     Args:
         swim: The swim.
         path: The file; it must not exist.
         every: Samples from one row to the next.
+        units: Whether the header tells the units, like ``t [s]``.
 
     Raises:
         FileExistsError: The file exists.
         OSError: The file cannot be written.
     """
-    angles = [f"theta{index}" for index in range(len(swim.chain.links))]
+    angles = {f"theta{index}": "rad" for index in range(len(swim.chain.links))}
+    forces = {"power": "W", "tip_force_x": "N", "tip_force_y": "N"}
+    columns = {"t": "s", "x": "m", "y": "m", "psi": "rad", **angles, **forces}
     with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["t", "x", "y", "psi", *angles, "power", "tip_force_x", "tip_force_y"])
+        writer.writerow([f"{name} [{unit}]" if units else name for name, unit in columns.items()])
         for row in range(0, len(swim.time), every):
             numbers = (
                 swim.time[row],

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from fin_sim.sweep import Axis
     from fin_sim.swim_result import Swim
@@ -24,16 +25,19 @@ _FRAMES_PER_SECOND = 25
 _MOST_FRAMES = 750
 ANIMATIONS = (".gif", ".mp4")
 _LARGEST_LEGEND = 6
+_SPREAD = 20.0
+"""Largest over smallest value from which on an axis is logarithmic."""
 
 
 @own_style()
-def plot_swim(swim: Swim, path: Path) -> None:
-    """Draw course, forward speed, joint angles and servo power of a swim into a PNG.
+def plot_swim(swim: Swim, path: Path, title: str = "") -> None:
+    """Draw course, forward speed, joint angles and servo power of a swim into a PNG, PDF or SVG.
 
     Raises:
         OSError: The file cannot be written.
     """
     figure, axes = new_figure(10.0, 7.0, 2, 2)
+    figure.suptitle(title, fontsize="medium")
     course, speed, joints, power = axes.flat
     course.plot(
         100.0 * swim.tip_path[:, 0], 100.0 * swim.tip_path[:, 1], color=FIN_COLOUR, lw=0.6, label="trailing edge"
@@ -63,37 +67,96 @@ def plot_swim(swim: Swim, path: Path) -> None:
 
 
 @own_style()
-def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path) -> None:
-    """Draw mean and steady speed over the first swept number, one curve for each value of the second, into a PNG.
+def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path, title: str = "") -> None:
+    """Draw mean and steady speed of a sweep into a PNG, PDF or SVG.
+
+    Over one number curves; over two a curve for each value of the second, or a map where those would be too many.
 
     Args:
         axes: One or two.
-        rows: A row a swim, with the swept numbers and the figures by name.
+        rows: A row a swim, with the swept numbers and the figures by name; those of a sweep cut short are fewer.
         path: The file.
+        title: Heading.
 
     Raises:
         OSError: The file cannot be written.
     """
     figure, panels = new_figure(10.0, 4.5, 1, 2)
+    figure.suptitle(title, fontsize="medium")
     first, second = axes[0], (axes[1] if len(axes) > 1 else None)
-    logarithmic = _spans_decades(first.values)
     for panel, name in zip(panels.flat, ("mean_speed", "steady_speed"), strict=True):
-        for value in second.values if second else (None,):
-            chosen = [row for row in rows if second is None or row[second.name] == value]
-            speeds = [math.nan if row[name] is None else 100.0 * row[name] for row in chosen]  # type: ignore[operator]
-            label = f"{second.name} = {value:g} {second.unit}".rstrip() if second else None
-            panel.plot([row[first.name] for row in chosen], speeds, marker="o", ms=3, label=label)
-        panel.set(xlabel=f"{first.name}, {first.unit}" if first.unit else first.name)
-        panel.set(ylabel=f"{name.replace('_', ' ')}, cm/s", ylim=(0.0, None))
-        if logarithmic:
-            panel.set_xscale("log")
-        if second:
-            panel.legend(frameon=False, fontsize="small")
+        panel.set(xlabel=_label(first), title=f"{name.replace('_', ' ')}, cm/s")
+        if second and len(second.values) > _LARGEST_LEGEND and len(first.values) > 1:
+            _draw_map(figure, panel, first, second, [(row[first.name], row[second.name], row[name]) for row in rows])
+        else:
+            _draw_curves(panel, first, second, name, rows)
     figure.savefig(path, dpi=120)
 
 
-def _spans_decades(values: tuple[float, ...]) -> bool:
-    return min(values) > 0.0 and max(values) >= 20.0 * min(values)
+def _label(axis: Axis) -> str:
+    return f"{axis.name}, {axis.unit}" if axis.unit else axis.name
+
+
+def _draw_curves(panel: Axes, first: Axis, second: Axis | None, name: str, rows: list[dict[str, float | None]]) -> None:
+    for value in second.values if second else (None,):
+        chosen = [row for row in rows if second is None or row[second.name] == value]
+        speeds = [math.nan if row[name] is None else 100.0 * row[name] for row in chosen]  # type: ignore[operator]
+        label = f"{second.name} = {value:g} {second.unit}".rstrip() if second else None
+        panel.plot([row[first.name] for row in chosen], speeds, marker="o", ms=3, label=label)  # type: ignore[arg-type]
+    panel.set(ylim=(0.0, None))
+    _scale(panel, "x", first)
+    if second:
+        panel.legend(frameon=False, fontsize="small")
+
+
+def _draw_map(
+    figure: Figure,
+    panel: Axes,
+    first: Axis,
+    second: Axis,
+    speeds: list[tuple[float | None, float | None, float | None]],
+) -> None:
+    """Draw a speed over two numbers as colours, and mark the fastest swim; what has none stays white."""
+    columns = {value: index for index, value in enumerate(sorted(set(first.values)))}
+    lines = {value: index for index, value in enumerate(sorted(set(second.values)))}
+    table = np.full((len(lines), len(columns)), math.nan)
+    for x, y, speed in speeds:
+        if speed is not None:
+            table[lines[y], columns[x]] = 100.0 * speed  # type: ignore[index]
+    panel.grid(visible=False)
+    mesh = panel.pcolormesh(list(columns), list(lines), table, cmap="viridis", shading="nearest")
+    figure.colorbar(mesh, ax=panel, pad=0.02)
+    panel.set(ylabel=_label(second))
+    _scale(panel, "x", first)
+    _scale(panel, "y", second)
+    if np.isfinite(table).any():
+        line, column = np.unravel_index(np.nanargmax(table), table.shape)
+        x, y = list(columns)[int(column)], list(lines)[int(line)]
+        panel.plot([x], [y], "o", ms=9, mfc="none", mec="tab:red", mew=1.8)
+        note = f"fastest {np.nanmax(table):.3g} cm/s\nat {x:.4g} {first.unit}, {y:.4g} {second.unit}"
+        panel.annotate(
+            note,
+            (x, y),
+            xytext=(0.02, 0.98),
+            textcoords="axes fraction",
+            va="top",
+            fontsize="small",
+            color="white",
+            bbox={"facecolor": "black", "alpha": 0.45, "edgecolor": "none"},
+        )
+
+
+def _scale(panel: Axes, direction: str, swept: Axis) -> None:
+    """Make an axis logarithmic where its values span more than a decade, with labels at 1, 2 and 5."""
+    if not min(swept.values) > 0.0 or max(swept.values) < _SPREAD * min(swept.values):
+        return
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter  # noqa: PLC0415  (see own_style)
+
+    panel.set(**{f"{direction}scale": "log"})
+    axis = panel.xaxis if direction == "x" else panel.yaxis
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def check_animation(path: Path) -> None:

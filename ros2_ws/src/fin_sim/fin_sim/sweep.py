@@ -20,6 +20,8 @@ from fin_sim.servo import Servo
 from fin_sim.swim import SIMULATOR_PARAMETERS, swim
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from fin_sim.swim_result import Swim
 
 # What only the node has, its pace, clock and rate of messages, and what the command has options of its own for.
@@ -80,6 +82,15 @@ class Plan:
             ValueError: A value that is refused.
         """
         return Fish.from_parameters(PARAMETERS.checked(self.values))
+
+    def title(self, swept: Collection[str] = ()) -> str:
+        """Return what swims how, for the heading of a picture; the numbers in ``swept`` are left out."""
+        gait = [self.gait.replace("_", "-")]
+        gait += [f"{self.amplitude:g}\N{DEGREE SIGN}"] if "amplitude" not in swept else []
+        gait += [f"{self.frequency:g} Hz"] if "frequency" not in swept else []
+        gait += [f"bias {self.bias:g}\N{DEGREE SIGN}"] if self.bias and "bias" not in swept else []
+        body = [] if self.clamp == "free" else [f"body {self.clamp}"]
+        return "; ".join([self.fin().describe(swept), " ".join(gait), *body, f"swims of {self.duration:g} s"])
 
     def check(self) -> None:
         """Refuse what cannot swim, without swimming it.
@@ -224,9 +235,18 @@ def sweep_plans(plan: Plan, axes: list[Axis]) -> list[tuple[tuple[float, ...], P
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of a swim: its name in CSV and JSON, in SI units, and how tables show it."""
+    """One figure of a swim: its name and unit in CSV and JSON, and how tables show it.
+
+    Attributes:
+        name: The attribute of `Swim`.
+        si: Its unit, empty for a number without.
+        title: Its name in tables.
+        unit: Its unit in tables.
+        scale: What its value is multiplied with for tables.
+    """
 
     name: str
+    si: str
     title: str
     unit: str
     scale: float = 1.0
@@ -240,17 +260,17 @@ class Figure:
 
 
 FIGURES = (
-    Figure("mean_speed", "mean speed", "cm/s", 100.0),
-    Figure("steady_speed", "steady speed", "cm/s", 100.0),
-    Figure("mean_thrust", "mean thrust", "mN", 1000.0),
-    Figure("mean_servo_power", "servo power", "mW", 1000.0),
-    Figure("largest_servo_torque", "servo torque", "mN m", 1000.0),
-    Figure("efficiency", "efficiency", "%", 100.0),
-    Figure("strouhal_number", "Strouhal", ""),
-    Figure("cost_of_transport", "transport cost", "J/(kg m)"),
-    Figure("tip_amplitude", "tip amplitude", "cm", 100.0),
-    Figure("turning_rate", "turning rate", "rad/s"),
-    Figure("turning_radius", "turning radius", "m"),
+    Figure("mean_speed", "m/s", "mean speed", "cm/s", 100.0),
+    Figure("steady_speed", "m/s", "steady speed", "cm/s", 100.0),
+    Figure("mean_thrust", "N", "mean thrust", "mN", 1000.0),
+    Figure("mean_servo_power", "W", "servo power", "mW", 1000.0),
+    Figure("largest_servo_torque", "N m", "servo torque", "mN m", 1000.0),
+    Figure("efficiency", "", "efficiency", "%", 100.0),
+    Figure("strouhal_number", "", "Strouhal", ""),
+    Figure("cost_of_transport", "J/(kg m)", "transport cost", "J/(kg m)"),
+    Figure("tip_amplitude", "m", "tip amplitude", "cm", 100.0),
+    Figure("turning_rate", "rad/s", "turning rate", "rad/s"),
+    Figure("turning_radius", "m", "turning radius", "m"),
 )
 SWEEP_TABLE = ("mean_speed", "steady_speed", "mean_thrust", "mean_servo_power", "efficiency", "strouhal_number")
 """What the table of a sweep shows; its CSV has every figure."""

@@ -21,7 +21,7 @@ from rich.progress import track
 from rich.table import Table
 
 from fin_plant import checks
-from fin_plant.figures import try_to_draw
+from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.fin import PLANT_PARAMETERS, SHAPES
 from fin_plant.parameters import ParameterTable
 from fin_sim import case as case_files
@@ -106,7 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     out = parser.add_argument_group("what comes out; a file that exists is replaced, and the command says so")
     out.add_argument("--json", action="store_true", help="figures as JSON instead of a table")
     out.add_argument("--csv", metavar="FILE", help="the trajectory, or of a sweep the table; - is standard output")
-    out.add_argument("--plot", type=Path, metavar="FILE.png", help="picture of the swim or the sweep")
+    out.add_argument("--plot", type=Path, metavar="FILE", help="picture of the swim or the sweep, .png, .pdf or .svg")
     out.add_argument("--animate", type=Path, metavar="FILE", help="animated swim, .gif or .mp4")
     numbers = parser.add_argument_group("parameters of fin, fish, water and servo, as the node names them")
     for name, entry in PARAMETERS.items():
@@ -205,9 +205,8 @@ def _refuse_with_case(options: argparse.Namespace) -> None:
 
 def _check_outputs(options: argparse.Namespace) -> None:
     """Refuse what cannot be written before anything is computed."""
-    if options.plot and options.plot.suffix.lower() != ".png":
-        msg = f"{options.plot}: a picture's name must end in .png"
-        raise ValueError(msg)
+    if options.plot:
+        check_picture(options.plot)
     if options.animate:
         from fin_sim.picture import check_animation  # noqa: PLC0415  (not needed without a picture)
 
@@ -252,15 +251,23 @@ def _draw(path: Path, draw: Callable[[Path], None]) -> None:
         print(f"swim: warning: {failure}", file=sys.stderr)  # noqa: T201
 
 
-def _trajectory(swim: Swim, target: str, every: int) -> None:
+_UNITS = {figure.name: figure.si for figure in FIGURES} | {
+    "final_psi": "rad",
+    "mean_thrust_last_two_periods": "N",
+    "mean_power_last_two_periods": "W",
+}
+"""Of what JSON and CSV tell; empty for numbers without a unit."""
+
+
+def _trajectory(swim: Swim, target: str, every: int, *, units: bool) -> None:
     if target == "-":
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "trajectory.csv"
-            case_files.write_trajectory(swim, file, every=every)
+            case_files.write_trajectory(swim, file, every=every, units=units)
             sys.stdout.write(file.read_text(encoding="utf-8"))
         return
     with _output(Path(target)) as file:
-        case_files.write_trajectory(swim, file, every=every)
+        case_files.write_trajectory(swim, file, every=every, units=units)
 
 
 def _figures(swim: Swim, every: int | None) -> dict[str, float | None]:
@@ -300,20 +307,23 @@ def _print_swim(swim: Swim) -> None:
     _console().print(table)
 
 
-def _one(swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float], case_row: int | None = None) -> None:
+def _one(
+    swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float], title: str, case_row: int | None = None
+) -> None:
     """Put out what was asked of one swim; ``case_row``: the samples from one row of a case's file to the next."""
     if options.csv:
-        _trajectory(swim, options.csv, case_row or 1)
+        _trajectory(swim, options.csv, case_row or 1, units=case_row is None)
     if options.plot:
         from fin_sim.picture import plot_swim  # noqa: PLC0415
 
-        _draw(options.plot, lambda file: plot_swim(swim, file))
+        _draw(options.plot, lambda file: plot_swim(swim, file, title))
     if options.animate:
         from fin_sim.picture import animate_swim  # noqa: PLC0415
 
         _draw(options.animate, lambda file: animate_swim(swim, file, body_axes))
     if options.json:
-        print(_json(_figures(swim, case_row)))  # noqa: T201
+        figures = _figures(swim, case_row)
+        print(_json({**figures, "units": {name: _UNITS[name] for name in figures}}))  # noqa: T201
     elif options.csv != "-":
         _print_swim(swim)
 
@@ -324,7 +334,7 @@ def _run_case(options: argparse.Namespace) -> None:
     swim = case.swim() if options.step is None else case.swim(step=options.step)
     case_files.summary(swim)  # a held swim that is too short is refused, not shown without its means
     length = 2.0 * case.chain.body.tail_offset or 0.1  # a case knows no axes: an ellipse up to the tail's joint
-    _one(swim, options, (length, length / 3.0), case_files.SAMPLES_A_ROW)
+    _one(swim, options, (length, length / 3.0), options.case.stem, case_files.SAMPLES_A_ROW)
 
 
 def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> Table:
@@ -339,10 +349,15 @@ def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> 
     return table
 
 
-def _sweep_csv(rows: Sequence[Mapping[str, float | None]]) -> str:
+def _sweep_units(axes: Sequence[Axis]) -> dict[str, str]:
+    return {axis.name: axis.unit for axis in axes} | {figure.name: figure.si for figure in FIGURES}
+
+
+def _sweep_csv(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0], lineterminator="\n")
-    writer.writeheader()
+    units = _sweep_units(axes)
+    writer.writerow({name: f"{name} [{units[name]}]" if units[name] else name for name in rows[0]})
     writer.writerows(rows)
     return text.getvalue()
 
@@ -377,22 +392,25 @@ def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> int
     for failure in failures:
         print(f"swim: error: {failure}", file=sys.stderr)  # noqa: T201
     if rows:
-        _put_out_sweep(axes, rows, options)
+        _put_out_sweep(axes, rows, options, plan.title([axis.name for axis in axes]))
     return code
 
 
-def _put_out_sweep(axes: list[Axis], rows: list[dict[str, float | None]], options: argparse.Namespace) -> None:
+def _put_out_sweep(
+    axes: list[Axis], rows: list[dict[str, float | None]], options: argparse.Namespace, title: str
+) -> None:
     if options.csv and options.csv != "-":
         with _output(Path(options.csv)) as file:
-            file.write_text(_sweep_csv(rows), encoding="utf-8")
+            file.write_text(_sweep_csv(axes, rows), encoding="utf-8")
     if options.plot:
         from fin_sim.picture import plot_sweep  # noqa: PLC0415
 
-        _draw(options.plot, lambda file: plot_sweep(axes, rows, file))
+        _draw(options.plot, lambda file: plot_sweep(axes, rows, file, title))
     if options.json:
-        print(_json(rows))  # noqa: T201
+        units = _sweep_units(axes)
+        print(_json([{**row, "units": units} for row in rows]))  # noqa: T201
     elif options.csv == "-":
-        sys.stdout.write(_sweep_csv(rows))
+        sys.stdout.write(_sweep_csv(axes, rows))
     else:
         _console().print(_table(axes, rows))
 
@@ -429,7 +447,7 @@ def _run(options: argparse.Namespace) -> int:
         for name in ("body.length", "body.width")
     )
     length, width = (cast("float", value) for value in body)
-    _one(plan.swim(), options, (length, width))
+    _one(plan.swim(), options, (length, width), plan.title())
     return 0
 
 
