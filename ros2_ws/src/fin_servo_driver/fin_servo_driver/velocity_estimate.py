@@ -1,20 +1,26 @@
 """Velocity of a tracked fish from its poses: causal, with a stated delay and bandwidth. Nothing here knows ROS.
 
-A straight line is fitted by least squares to the poses of the last W seconds. Its slope is the velocity in the middle
-of the window, so the estimate bears the mean time of its poses: it comes W/2 later than the newest pose, but is no
-late copy. Of an oscillation of frequency f it passes 3 (sin x - x cos x) / x^3 with x = pi f W (Savitzky & Golay,
-Analytical Chemistry 36, 1964, for evenly spaced poses): half of the power at f = 0.578 / W. A mean is passed unchanged.
+A straight line is fitted to the poses of the last W seconds. Its slope is the velocity in the middle of the window, so
+the estimate bears the mean time of its poses: it comes W/2 later than the newest pose, but is no late copy. Of an
+oscillation of frequency f it passes 3 (sin x - x cos x) / x^3 with x = pi f W (Savitzky & Golay, Analytical Chemistry
+36, 1964, for least squares and evenly spaced poses): half of the power at f = 0.578 / W. A mean is passed unchanged.
+
+Stamps that jitter, as those of poses stamped on arrival do, make a slope by least squares smaller (errors in the
+variable), and one with the poses' ranks as instrument (Durbin, Review of the International Statistical Institute 22,
+1954) larger by about as much. So the slope is the mean of both, which are the same for evenly spaced poses.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fin_plant import checks
+from fin_servo_driver.pose_checks import Clocks, Limits, Pose, Refusal, Track
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,6 +40,29 @@ _MAD_TO_SIGMA = 1.4826
 _OLD_IN_A_ROW = 10
 """Poses older than the window that, coming in a row, mean that the tracker's clock was set back."""
 _NANO = 1e-9
+_COURSE, _COURSE_ANGLE, _COURSE_SPEED = 2.0, math.radians(60.0), 0.01
+"""s, rad and m/s: a fish that moves faster, for so long, at more than that angle to its heading is not seen rightly.
+Two beats at 1 Hz average the tail's sway; turning fish slip by some ten degrees; below 1 cm/s any current moves it."""
+REASONS = (
+    "not finite",
+    "twice",
+    "same stamp",
+    "zero stamp",
+    "too old",
+    "late",
+    "from the future",
+    "outlier",
+    "far away",
+    "orientation",
+    "jump",
+    "equal",
+    "several trackers",
+    "impossible velocity",
+)
+_HARMLESS = ("twice", "outlier", "too old")
+"""What happens to single poses of a good tracker on a network."""
+_TWICE = Refusal("twice", "it came twice")
+_SAME_STAMP = Refusal("same stamp", "another pose came with the same stamp: do the tracker's stamps advance with each?")
 
 
 @dataclass(frozen=True)
@@ -45,8 +74,7 @@ class Settings:
         position_floor: m; a pose nearer than this to the line is no outlier, however well the others lie, and one
             farther than five times this is, however badly they lie.
         heading_floor: The same for the heading, rad.
-        largest_lead: s; a pose whose stamp is farther ahead of the receiver's clock is refused.
-        largest_age: s; a pose that is older when it comes is used, but counted as late.
+        limits: What a fish and a camera can do.
 
     Raises:
         ValueError: A value out of range.
@@ -55,15 +83,12 @@ class Settings:
     window: float = 0.25
     position_floor: float = 2e-3
     heading_floor: float = 0.05
-    largest_lead: float = 0.05
-    largest_age: float = 0.2
+    limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
         checks.number("window", self.window, 0.02, 10.0, unit="s")
         checks.number("position_floor", self.position_floor, 0.0, 1.0, unit="m", exclusive_minimum=True)
         checks.number("heading_floor", self.heading_floor, 0.0, 1.0, unit="rad", exclusive_minimum=True)
-        checks.number("largest_lead", self.largest_lead, 0.0, 1.0, unit="s")
-        checks.number("largest_age", self.largest_age, 1e-3, 60.0, unit="s")
 
     @property
     def delay(self) -> float:
@@ -99,24 +124,48 @@ class VelocityEstimator:
     Attributes:
         refused: Poses that were not used, by reason.
         silent: Why the last pose led to no velocity; empty if it did.
-        late: Poses that were older than `Settings.largest_age` when they came.
-        age: Of the newest pose when it came, s; 0.0 where nobody tells when poses come.
+        impossible: What the poses did last that neither a fish nor a camera can do, since somebody emptied it.
     """
 
     def __init__(self, settings: Settings) -> None:
         """Start without poses."""
         self.settings = settings
-        self.refused = {"not finite": 0, "twice": 0, "too old": 0, "outlier": 0, "from the future": 0}
+        self.refused = dict.fromkeys(REASONS, 0)
         self.silent = "no pose yet"
-        self.late = 0
-        self.age = 0.0
+        self.impossible = ""
         self._window_ns = round(settings.window / _NANO)
+        self._clocks = Clocks(settings.limits)
+        self._track = Track(
+            settings.limits,
+            position_slack=_CEILING * settings.position_floor,
+            heading_slack=_CEILING * settings.heading_floor,
+            longest_gap=_LONGEST_GAP * settings.window,
+        )
         self._stamps: list[int] = []
         self._poses: list[tuple[float, float, float]] = []
+        self._course: deque[Velocity] = deque()
         self._old_in_a_row = 0
         self._last_stamp: int | None = None
 
-    def add(self, stamp: int, x: float, y: float, heading: float, *, now: int | None = None) -> Velocity | None:
+    @property
+    def age(self) -> float:
+        """Age of the newest pose when it came, s; 0.0 where nobody tells when poses come."""
+        return self._clocks.age
+
+    @property
+    def note(self) -> str:
+        """What is remarkable of poses that are used, or empty."""
+        if not self._track.stands_still:
+            return ""
+        return f"{self._track.standstill()}; taken for a fish at rest, and refused as soon as it is driven"
+
+    def plant_says(self, *, swims: bool, since: int) -> None:
+        """Take whether the fish is driven, and since when by the plant's clock in ns; see `Track`."""
+        self._track.plant_says(swims=swims, since=since)
+
+    def add(
+        self, stamp: int, x: float, y: float, heading: float, *, now: int | None = None, frame: str = ""
+    ) -> Velocity | None:
         """Take a pose; return the velocity if this pose is the newest and the window has what it takes.
 
         Args:
@@ -125,59 +174,117 @@ class VelocityEstimator:
             y: m, in the tank.
             heading: rad, any multiple of a turn.
             now: Time in ns by the receiver's clock, from which the tracker's may differ; None if that does not matter.
+            frame: Name of the frame.
         """
-        if now is not None and self._is_from_the_future(stamp, now):
+        if refusal := self._refusal_of_stamp(stamp, now):
+            self.refuse(refusal)
             return None
-        newest = self._insert(stamp, (x, y, heading))
-        if not newest:
+        if not self._insert(Pose(stamp, x, y, heading, frame)):
             return None
         self._forget(stamp - self._window_ns)
         estimate = self._estimate()
         if estimate is None or (self._last_stamp is not None and estimate.stamp <= self._last_stamp):
             return None
         self._last_stamp = estimate.stamp
-        return estimate
+        return None if self._is_impossible(estimate) else estimate
 
-    def _is_from_the_future(self, stamp: int, now: int) -> bool:
-        """Look at the clocks: velocities with wrong stamps would be scored over another window than the swim's."""
-        self.age = (now - stamp) * _NANO
-        self.late += self.age > self.settings.largest_age
-        if -self.age <= self.settings.largest_lead:
-            return False
-        self._refuse("from the future")
-        self.silent = (
-            f"a pose was refused: its stamp is {-self.age:.3f} s ahead of this computer's clock, allowed are "
-            f"{self.settings.largest_lead:g} s: synchronise the tracker's clock with this one (chrony)"
-        )
-        return True
+    def refuse(self, refusal: Refusal) -> None:
+        """Count a pose that is not used, and say why."""
+        self.refused[refusal.reason] += 1
+        self.silent = f"a pose was refused: {refusal.text}"
+        if refusal.reason not in _HARMLESS:
+            self.impossible = self.silent
 
-    def _insert(self, stamp: int, pose: tuple[float, float, float]) -> bool:
+    def _refusal_of_stamp(self, stamp: int, now: int | None) -> Refusal | None:
+        if now is None:
+            return None
+        if stamp == 0:
+            return Refusal("zero stamp", "its stamp is 0: the tracker does not say when it saw the fish")
+        return self._clocks.refusal(stamp, now)
+
+    def _insert(self, pose: Pose) -> bool:
         """Put a pose in its place; return whether it is the newest."""
-        if not all(map(math.isfinite, pose)):
-            return self._refuse("not finite")
-        if self._stamps and stamp < self._stamps[-1] - self._window_ns:
-            self._old_in_a_row += 1
-            if self._old_in_a_row < _OLD_IN_A_ROW:
-                return self._refuse("too old")
-            self._stamps, self._poses, self._last_stamp = [], [], None
-        self._old_in_a_row = 0
+        if not all(map(math.isfinite, (pose.x, pose.y, pose.heading))):
+            self.refuse(Refusal("not finite", f"it is at ({pose.x:g}, {pose.y:g}) m, heading {pose.heading:g} rad"))
+            return False
+        if self._is_too_old(pose.stamp):
+            return False
         place = len(self._stamps)
-        while place and self._stamps[place - 1] > stamp:
+        while place and self._stamps[place - 1] > pose.stamp:
             place -= 1
-        if place and self._stamps[place - 1] == stamp:
-            return self._refuse("twice")
-        self._stamps.insert(place, stamp)
-        self._poses.insert(place, pose)
+        values = pose.x, pose.y, pose.heading
+        if place and self._stamps[place - 1] == pose.stamp:
+            self.refuse(_TWICE if values == self._poses[place - 1] else _SAME_STAMP)
+            return False
+        if refusal := self._track.refusal(pose):
+            if refusal.reason == "equal":
+                self._forget_after(self._track.equal_since)
+            self.refuse(refusal)
+            return False
+        self._stamps.insert(place, pose.stamp)
+        self._poses.insert(place, values)
         return place == len(self._stamps) - 1
 
-    def _refuse(self, reason: str) -> bool:
-        self.refused[reason] += 1
-        self.silent = f"a pose was refused: {reason}"
+    def _is_too_old(self, stamp: int) -> bool:
+        """Whether a pose came after its window; if only such ones come, the clock was set back: begin anew."""
+        if not self._stamps or stamp >= self._stamps[-1] - self._window_ns:
+            self._old_in_a_row = 0
+            return False
+        self._old_in_a_row += 1
+        back = (self._stamps[-1] - stamp) * _NANO
+        if self._old_in_a_row < _OLD_IN_A_ROW:
+            self.refuse(Refusal("too old", f"its stamp is {back:.3f} s before that of one that came earlier"))
+            return True
+        self.impossible = f"the stamps of {_OLD_IN_A_ROW} poses in a row were some {back:.3f} s back: clock set back?"
+        self._stamps, self._poses, self._last_stamp = [], [], None
+        self._old_in_a_row = 0
+        self._track.forget()
         return False
+
+    def _is_impossible(self, estimate: Velocity) -> bool:
+        """Look at what the poses, each possible, amount to."""
+        limits = self.settings.limits
+        speed = math.hypot(estimate.forward, estimate.left)
+        if speed > limits.largest_speed:
+            text = f"the fish moves at {speed:.3g} m/s, largest_speed is {limits.largest_speed:g} m/s: positions in m?"
+        elif abs(estimate.yaw_rate) > limits.largest_turn_rate:
+            text = f"it turns at {estimate.yaw_rate:.3g} rad/s, largest_turn_rate is {limits.largest_turn_rate:g} rad/s"
+        else:
+            text = self._off_course(estimate)
+        if text:
+            self.refused["impossible velocity"] += 1
+            self.silent = self.impossible = f"a velocity was refused: {text}"
+        return bool(text)
+
+    def _off_course(self, estimate: Velocity) -> str:
+        """Return what is wrong with a fish that has moved sideways or backwards for long, or nothing."""
+        course = self._course
+        if course and not 0 < estimate.stamp - course[-1].stamp < self._window_ns:
+            course.clear()
+        course.append(estimate)
+        if estimate.stamp - course[0].stamp < _COURSE / _NANO:
+            return ""
+        forward = math.fsum(one.forward for one in course) / len(course)
+        left = math.fsum(one.left for one in course) / len(course)
+        while estimate.stamp - course[0].stamp >= _COURSE / _NANO:
+            course.popleft()
+        speed = math.hypot(forward, left)
+        if speed < _COURSE_SPEED or forward >= math.cos(_COURSE_ANGLE) * speed:
+            return ""
+        angle = math.degrees(math.atan2(left, forward))
+        return (
+            f"for {_COURSE:g} s the fish has moved at {speed:.3g} m/s, {angle:.0f} degrees to the left of where it "
+            "points: do the tracker's heading and axes (x forward, y left, z up) belong to its positions?"
+        )
 
     def _forget(self, before: int) -> None:
         while self._stamps and self._stamps[0] < before:
             del self._stamps[0], self._poses[0]
+
+    def _forget_after(self, stamp: int) -> None:
+        """Take back poses that turn out to be copies of an earlier one."""
+        while self._stamps and self._stamps[-1] > stamp:
+            del self._stamps[-1], self._poses[-1]
 
     def _estimate(self) -> Velocity | None:
         """Return the velocity of the window, or None, with `silent` saying why."""
@@ -190,7 +297,9 @@ class VelocityEstimator:
         poses[:, 2] = np.unwrap(poses[:, 2])
         good = self._inliers(times, poses)
         if np.count_nonzero(~good) > _MOST_OUTLIERS * len(good):
-            self.silent = f"{np.count_nonzero(~good)} of {len(good)} poses do not fit together"
+            self.silent = (
+                f"{np.count_nonzero(~good)} of {len(good)} poses do not fit together: {_scatter(times, poses)}"
+            )
             return None
         self.silent = self._missing(times[good])
         if self.silent:
@@ -199,8 +308,8 @@ class VelocityEstimator:
             self.refused["outlier"] += 1
         times, poses = times[good], poses[good]
         middle = float(np.mean(times))
-        offset = times - middle
-        slope = offset @ poses / float(offset @ offset)
+        offset, rank = times - middle, np.arange(len(times)) - (len(times) - 1) / 2.0
+        slope = (offset @ poses / float(offset @ offset) + rank @ poses / float(rank @ offset)) / 2.0
         heading = float(np.mean(poses[:, 2]))
         cosine, sine = math.cos(heading), math.sin(heading)
         return Velocity(
@@ -234,9 +343,9 @@ class VelocityEstimator:
         return np.asarray(np.all(residuals <= allowed, axis=1))
 
 
-def heading_of(x: float, y: float, z: float, w: float) -> float:
-    """Return the heading in rad of a quaternion of any length; NaN for one of no length."""
-    norm = x * x + y * y + z * z + w * w
-    if not norm > 1e-6:  # noqa: PLR2004 - a message that was never filled in
-        return math.nan
-    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+def _scatter(times: NDArray[np.float64], poses: NDArray[np.float64]) -> str:
+    """Return how poses, shape (n, 3), scatter around their line."""
+    line = np.polynomial.polynomial.polyfit(times, poses, 1)
+    rest = np.sqrt(np.mean((poses - line[0] - np.outer(times, line[1])) ** 2, axis=0))
+    place, heading = math.hypot(rest[0], rest[1]), math.degrees(rest[2])
+    return f"they scatter by {place:.2g} m and {heading:.2g} degrees around a straight line"

@@ -2,26 +2,40 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
+from dataclasses import fields
 from typing import TYPE_CHECKING, cast
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from fin_plant import node_process, topics
-from fin_plant.messages import key_values, nanoseconds_of, time_message
+from fin_plant.messages import key_values, nanoseconds_of, plant_state_from_message, time_message
 from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.parameters import load_table
-from fin_servo_driver.velocity_estimate import Settings, VelocityEstimator, heading_of
+from fin_plant.plant_state import State
+from fin_servo_driver.pose_checks import Limits, Refusal, heading_of
+from fin_servo_driver.velocity_estimate import Settings, VelocityEstimator
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
+
+    from rclpy.node import Node
+    from rclpy.topic_endpoint_info import TopicEndpointInfo
 
     from fin_plant.parameters import Value
+    from fin_servo_driver.velocity_estimate import Velocity
 
 PARAMETERS = load_table("fin_servo_driver", "velocity_estimator_parameters.yaml")
 _LOOK = 0.1
+_ANY_TRACKER = QoSProfile(
+    reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=topics.POSE.qos.depth
+)
+"""Matches every tracker; a reliable subscription hears nothing of one that offers best effort, as many do."""
+_POSE_TYPE = topics.POSE.type_name
 
 
 def settings_of(values: Mapping[str, Value]) -> Settings:
@@ -30,8 +44,9 @@ def settings_of(values: Mapping[str, Value]) -> Settings:
     Raises:
         ValueError: A value that is refused.
     """
-    names = ("window", "position_floor", "heading_floor", "largest_lead", "largest_age")
-    return Settings(**{name: cast("float", values[name]) for name in names})
+    number = {name: value for name, value in values.items() if isinstance(value, float)}
+    limits = Limits(**{each.name: number[each.name] for each in fields(Limits)})
+    return Settings(number["window"], number["position_floor"], number["heading_floor"], limits)
 
 
 class VelocityEstimatorNode:
@@ -47,22 +62,31 @@ class VelocityEstimatorNode:
         values = NodeParameters(self.node, PARAMETERS, validate=settings_of).values
         self._yaw_in_z = values["orientation"] == "yaw"
         self._estimator = VelocityEstimator(settings_of(values))
-        self._poses = self._published = self._late_before = 0
+        self._poses = self._published = 0
+        self._trackers: list[str] = []
         self._velocities = self.node.create_publisher(topics.VELOCITY.type, topics.VELOCITY.name, topics.VELOCITY.qos)
         self._diagnostics = self.node.create_publisher(
             topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, topics.DIAGNOSTICS.qos
         )
-        self.node.create_subscription(topics.POSE.type, topics.POSE.name, self._on_pose, topics.POSE.qos)
+        self.node.create_subscription(topics.POSE.type, topics.POSE.name, self._on_pose, _ANY_TRACKER)
+        self.node.create_subscription(
+            topics.PLANT_STATE.type, topics.PLANT_STATE.name, self._on_plant_state, topics.PLANT_STATE.qos
+        )
         self.node.create_timer(1.0, self._publish_diagnostics)
         settings = self._estimator.settings
         self.node.get_logger().info(f"delay {settings.delay:g} s, bandwidth {settings.bandwidth:.2g} Hz")
 
+    def _on_plant_state(self, message: DiagnosticStatus) -> None:
+        try:
+            plant = plant_state_from_message(message)
+        except ValueError as error:
+            self.node.get_logger().error(str(error))
+            return
+        self._estimator.plant_says(swims=plant.state is State.SWIMMING, since=plant.stamp)
+
     def _on_pose(self, message: PoseStamped) -> None:
         self._poses += 1
-        place, turn = message.pose.position, message.pose.orientation
-        heading = turn.z if self._yaw_in_z else heading_of(turn.x, turn.y, turn.z, turn.w)
-        now = self.node.get_clock().now().nanoseconds
-        estimate = self._estimator.add(nanoseconds_of(message.header.stamp), place.x, place.y, heading, now=now)
+        estimate = self._estimate(message)
         if estimate is None:
             return
         self._published += 1
@@ -72,6 +96,20 @@ class VelocityEstimatorNode:
         velocity.twist.linear.x, velocity.twist.linear.y = estimate.forward, estimate.left
         velocity.twist.angular.z = estimate.yaw_rate
         self._velocities.publish(velocity)
+
+    def _estimate(self, message: PoseStamped) -> Velocity | None:
+        if len(self._trackers) > 1:
+            self._estimator.refuse(several_trackers(self._trackers))
+            return None
+        place, turn = message.pose.position, message.pose.orientation
+        heading: float | Refusal = turn.z
+        if not self._yaw_in_z:
+            heading = heading_of((turn.x, turn.y, turn.z, turn.w), self._estimator.settings.limits)
+        if isinstance(heading, Refusal):
+            self._estimator.refuse(heading)
+            return None
+        stamp, now = nanoseconds_of(message.header.stamp), self.node.get_clock().now().nanoseconds
+        return self._estimator.add(stamp, place.x, place.y, heading, now=now, frame=message.header.frame_id)
 
     def step(self) -> float:
         """Wait for poses."""
@@ -86,22 +124,15 @@ class VelocityEstimatorNode:
 
     def _publish_diagnostics(self) -> None:
         estimator = self._estimator
-        topic = self.node.resolve_topic_name(topics.POSE.name)
-        text = estimator.silent if self._poses else f"no pose on {topic}: does the tracker run?"
-        if not text and estimator.late > self._late_before:
-            allowed = estimator.settings.largest_age
-            text = (
-                f"poses are {estimator.age:.3f} s old when they come, more than largest_age = {allowed:g} s: "
-                "is the tracker's clock synchronised with this computer's (chrony)?"
-            )
-        self._late_before = estimator.late
+        self._trackers = self._publishers()
+        text = self._trouble()
+        estimator.impossible = ""
         values = {
             "poses": self._poses,
             "velocities": self._published,
             "delay_s": estimator.settings.delay,
             "bandwidth_hz": round(estimator.settings.bandwidth, 3),
             "age_of_newest_pose_s": round(estimator.age, 4),
-            "poses_late": estimator.late,
             **{f"poses_refused_{reason.replace(' ', '_')}": count for reason, count in estimator.refused.items()},
         }
         status = DiagnosticStatus(
@@ -114,6 +145,58 @@ class VelocityEstimatorNode:
         message = DiagnosticArray(status=[status])
         message.header.stamp = time_message(time.time_ns())
         self._diagnostics.publish(message)
+
+    def _trouble(self) -> str:
+        """Return what is wrong now or was since the last report, or nothing."""
+        if not self._poses:
+            return self._no_pose()
+        return self._estimator.impossible or self._estimator.silent or self._estimator.note
+
+    def _publishers(self) -> list[str]:
+        topic = self.node.resolve_topic_name(topics.POSE.name)
+        return [f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in _ends(self.node, topic)]
+
+    def _no_pose(self) -> str:
+        topic = self.node.resolve_topic_name(topics.POSE.name)
+        there = {name: types for name, types in self.node.get_topic_names_and_types() if _ends(self.node, name)}
+        return no_pose(topic, self._trackers, there, os.environ)
+
+
+def _ends(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    return list(node.get_publishers_info_by_topic(topic))
+
+
+def several_trackers(names: Sequence[str]) -> Refusal:
+    """Return why poses are refused that several nodes publish: which of them saw the fish nobody can tell."""
+    return Refusal("several trackers", f"{len(names)} publishers share the topic ({', '.join(names)}): leave only one")
+
+
+def no_pose(
+    topic: str, publishers: Sequence[str], there: Mapping[str, Sequence[str]], environment: Mapping[str, str]
+) -> str:
+    """Return what is known of a topic on which no pose came.
+
+    Args:
+        topic: Its full name.
+        publishers: Full names of the nodes that publish it.
+        there: Types of all topics that somebody publishes, by name.
+        environment: Of this process.
+    """
+    wrong = [each for each in there.get(topic, ()) if each != _POSE_TYPE]
+    if wrong:
+        return f"{topic} is published as {', '.join(wrong)}, needed is {_POSE_TYPE}"
+    if publishers:
+        return f"no pose within the last second on {topic}, which {', '.join(publishers)} publishes"
+    others = sorted(name for name, types in there.items() if _POSE_TYPE in types)
+    if others:
+        return f"nobody publishes {topic}; poses are on {', '.join(others)}: remap one (pose:={others[0]})"
+    domain = environment.get("ROS_DOMAIN_ID") or "0"
+    reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
+    return (
+        f"nobody publishes {topic}, nor a pose elsewhere. Heard are nodes with ROS_DOMAIN_ID={domain} and "
+        f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach}{' (this computer only)' if reach == 'LOCALHOST' else ''}: a tracker "
+        "needs the same domain, and one on another computer SUBNET on both"
+    )
 
 
 def main(args: list[str] | None = None) -> int:
