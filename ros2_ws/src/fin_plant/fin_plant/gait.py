@@ -17,10 +17,24 @@ if TYPE_CHECKING:
 
 COLUMNS = ("amplitude", "frequency", "phase", "bias")
 MAXIMUM_JOINTS = 20
-# A phase is a position on the circle and a bias an angle of a hinge: a larger number is a mistake of unit.
+# Amplitude and bias are angles of a hinge: a larger number is a mistake of unit.
 _LARGEST_ANGLE = math.pi
-_LARGEST_PHASE = 1000.0
+# A phase is a position on the circle, and who adds up its oscillator's phase sends many turns; beyond this a double
+# no longer tells one position from the next.
+_LARGEST_PHASE = 1e9
+_SAME_PHASE = 1e-6
+"""rad by which the phases of one gait may differ: less than any servo resolves, more than rounding at 1e9 rad."""
 _LARGEST_FREQUENCY = 100.0
+
+LARGEST_SPEED_UP = 1.5
+"""Most that the rate of a joint may be in a change of gait, over the larger of the two gaits' own peak rates."""
+LONGEST_RAMP = 10.0
+"""s that a change may be lengthened to, so that a tail that hardly beats gets to its new gait at all."""
+_SHORTEST_RAMP = 0.01
+_NO_BEAT = 1e-6
+"""rad/s below which a joint stands: it moves no servo by a step in a day."""
+_TURNING_RATE = 2.0
+"""rad/s at most for a joint that turns from one place to another, without a beat before or after."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +44,7 @@ class JointDrive:
     Attributes:
         amplitude: rad, 0 to pi.
         frequency: Hz, 0 to 100.
-        phase: rad.
+        phase: rad; kept as the same position on the circle in (-pi, pi].
         bias: rad, -pi to pi.
 
     Raises:
@@ -52,6 +66,8 @@ class JointDrive:
         for name, (low, high, unit) in limits.items():
             value = checks.number(f"gait {name}", getattr(self, name), low, high, unit=unit)
             object.__setattr__(self, name, value)
+        turned = math.remainder(self.phase, 2.0 * math.pi)
+        object.__setattr__(self, "phase", math.pi if turned == -math.pi else turned)
 
     def limited(self, sweep: float, highest_frequency: float) -> JointDrive:
         """Return the drive with |bias| + amplitude at most ``sweep`` rad; the bias is kept before the amplitude."""
@@ -106,6 +122,10 @@ class Gait:
         """Return the gait as an array (joints, 4) with the columns of ``COLUMNS``."""
         return np.array([[getattr(joint, name) for name in COLUMNS] for joint in self.joints])
 
+    def same_as(self, other: Gait) -> bool:
+        """Return whether the tail moves alike: equal numbers, phases up to whole turns and rounding."""
+        return len(self.joints) == len(other.joints) and _same(self.rows(), other.rows())
+
     def limited(self, sweep: float, highest_frequency: float) -> Gait:
         """Return the gait with every joint inside the limits (rad, Hz)."""
         return Gait(tuple(joint.limited(sweep, highest_frequency) for joint in self.joints))
@@ -114,6 +134,14 @@ class Gait:
     def moves(self) -> bool:
         """Whether any joint is driven away from neutral."""
         return any(joint.moves for joint in self.joints)
+
+
+def _same(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Return whether rows (joints, 4) are one gait; see `Gait.same_as`."""
+    phase = COLUMNS.index("phase")
+    turned = np.remainder(one[:, phase] - other[:, phase] + math.pi, 2.0 * math.pi) - math.pi
+    others = np.arange(len(COLUMNS)) != phase
+    return bool(np.all(np.abs(turned) <= _SAME_PHASE) and np.array_equal(one[:, others], other[:, others]))
 
 
 def carangiform(amplitude: float, frequency: float) -> Gait:
@@ -205,53 +233,79 @@ def three_level(
 
 @dataclass(frozen=True)
 class _Transition:
-    """From one set of drives to the next: every parameter follows the smooth step, the phase angle stays continuous.
+    """From one set of drives to the next: the one beat fades out while the other fades in, by the smooth step.
 
-    All arrays have shape (joints,). ``angle`` is the sine's whole argument at ``start``, its phase included.
+    So every value may change at once: phases need no way round the circle, and nothing beats faster than the faster of
+    the two but for the fading itself, whose rate falls with the ramp's length. All arrays have shape (joints, ...).
+
+    Attributes:
+        start: s.
+        ramp_time: s.
+        source: Drives before, rows (joints, 4).
+        target: Drives after, rows (joints, 4).
+        source_angle: The whole argument of the source's sine at ``start``, its phase included.
+        target_angle: That of the target's sine.
     """
 
     start: float
     ramp_time: float
     source: NDArray[np.float64]
     target: NDArray[np.float64]
-    angle: NDArray[np.float64]
+    source_angle: NDArray[np.float64]
+    target_angle: NDArray[np.float64]
 
     @property
     def end(self) -> float:
         return self.start + self.ramp_time
 
-    def sample(self, times: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return motion (times, joints, 3), angle and its first two derivatives, and the sine's argument."""
-        elapsed = times - self.start
+    def target_angle_at(self, time: float) -> NDArray[np.float64]:
+        """Return the argument of the target's sine at ``time`` s."""
+        if math.isinf(self.start):
+            return self.target_angle
+        return self.target_angle + 2.0 * math.pi * self.target[:, 1] * (time - self.start)
+
+    def beat(self, times: NDArray[np.float64]) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
+        """Return the beat as a rotating pointer, and the bias, each with two derivatives, shape (3, times, joints).
+
+        The joint's angle is the bias and the pointer's imaginary part.
+        """
+        elapsed = (times - self.start)[:, None]
         if self.ramp_time > 0.0:
-            value, slope, curvature, integral = smooth_step(elapsed / self.ramp_time)
-            slope, curvature = slope / self.ramp_time, curvature / self.ramp_time**2
-            integral = integral * self.ramp_time
+            fade = smooth_step(elapsed / self.ramp_time)[:3]
+            fade = fade / np.array([1.0, self.ramp_time, self.ramp_time**2])[:, None, None]
         else:
-            value, slope, curvature = np.ones_like(elapsed), np.zeros_like(elapsed), np.zeros_like(elapsed)
-            integral = elapsed
-        change = self.target - self.source
-        value, slope, curvature = value[:, None, None], slope[:, None, None], curvature[:, None, None]
-        now, rate, bend = self.source + change * value, change * slope, change * curvature
-        amplitude, frequency, _, bias = np.moveaxis(now, 2, 0)
-        amplitude_rate, frequency_rate, phase_rate, bias_rate = np.moveaxis(rate, 2, 0)
-        amplitude_bend, _, phase_bend, bias_bend = np.moveaxis(bend, 2, 0)
-        turns = self.source[:, 1] * elapsed[:, None] + change[:, 1] * integral[:, None]
-        argument = self.angle + 2.0 * math.pi * turns + change[:, 2] * value[:, :, 0]
-        speed = 2.0 * math.pi * frequency + phase_rate
-        speed_rate = 2.0 * math.pi * frequency_rate + phase_bend
-        sine, cosine = np.sin(argument), np.cos(argument)
-        motion = np.stack(
+            fade = np.stack((np.ones_like(elapsed), np.zeros_like(elapsed), np.zeros_like(elapsed)))
+        value, slope, curvature = fade
+        pointers = []
+        for rows, angle in ((self.source, self.source_angle), (self.target, self.target_angle)):
+            turning = 2.0j * math.pi * rows[:, 1]
+            pointer = rows[:, 0] * np.exp(1j * angle + turning * elapsed)
+            pointers.append((pointer, turning * pointer, turning**2 * pointer))
+        old, new = pointers
+        beat = np.stack(
             (
-                bias + amplitude * sine,
-                bias_rate + amplitude_rate * sine + amplitude * speed * cosine,
-                bias_bend
-                + (amplitude_bend - amplitude * speed**2) * sine
-                + (2.0 * amplitude_rate * speed + amplitude * speed_rate) * cosine,
-            ),
-            axis=-1,
+                (1.0 - value) * old[0] + value * new[0],
+                (1.0 - value) * old[1] + value * new[1] + slope * (new[0] - old[0]),
+                (1.0 - value) * old[2]
+                + value * new[2]
+                + 2.0 * slope * (new[1] - old[1])
+                + curvature * (new[0] - old[0]),
+            )
         )
-        return motion, argument
+        before, after = self.source[:, 3], self.target[:, 3]
+        bias = fade * (after - before)
+        bias[0] += before
+        return beat, bias
+
+    def excess(self) -> float:
+        """Return the highest rate over what `LARGEST_SPEED_UP` allows, at whatever point of its beat the change is."""
+        own = 2.0 * math.pi * np.maximum(self.source[:, 0] * self.source[:, 1], self.target[:, 0] * self.target[:, 1])
+        allowed = np.where(own > _NO_BEAT, LARGEST_SPEED_UP * own, _TURNING_RATE)
+        # The two beats come into and out of step so many times: each time has to be seen.
+        turns = np.abs(self.source[:, 1] - self.target[:, 1]).max() * self.ramp_time
+        count = min(64 + int(32.0 * turns), 4096)
+        beat, bias = self.beat(self.start + self.ramp_time * np.linspace(0.0, 1.0, count))
+        return float(np.max((np.abs(beat[1]) + np.abs(bias[1])).max(axis=0) / allowed))
 
 
 class GaitFollower:
@@ -259,19 +313,26 @@ class GaitFollower:
 
     The angle, its rate and its acceleration are continuous functions of time. A gait that arrives during a ramp
     waits for the ramp's end; of several the last one counts. From neutral, joint j moves as
-    ramp(t) (bias + amplitude sin(2 pi frequency t + phase)) with t from the start.
+    ramp(t) (bias + amplitude sin(2 pi frequency t + phase)) with t from the start. A change of frequency alone lets
+    the beat go on with the phase that it has halfway through the ramp.
+
+    Whatever changes, and whenever, no joint gets faster than `LARGEST_SPEED_UP` times the larger of the two gaits' own
+    peak rates, 2 pi frequency amplitude: a ramp that is too short for that is lengthened, to `LONGEST_RAMP` at most.
     """
 
-    def __init__(self, joints: int, ramp_time: float) -> None:
+    def __init__(self, joints: int, ramp_time: float, *, as_asked: bool = False) -> None:
         """Start at neutral.
 
         Args:
             joints: Number of driven joints.
-            ramp_time: Duration of a change in s; 0 changes at once, with a jump.
+            ramp_time: Duration of a change in s.
+            as_asked: Lengthen no ramp, and change at once, with a jump, where it is 0: for a swim that is computed
+                from rest, where no tail can be hurt and the ramp is part of the question.
         """
+        self._as_asked = as_asked
         self.set_ramp_time(ramp_time)
         neutral = np.zeros((checks.whole_number("driven joints", joints, 1, MAXIMUM_JOINTS), 4))
-        self._transitions = [_Transition(-math.inf, 0.0, neutral, neutral, np.zeros(joints))]
+        self._transitions = [_Transition(-math.inf, 0.0, neutral, neutral, np.zeros(joints), np.zeros(joints))]
 
     def set_ramp_time(self, ramp_time: float) -> None:
         """Take ``ramp_time`` s for every change from the next one on; a ramp under way ends as it began.
@@ -290,6 +351,11 @@ class GaitFollower:
     def target(self) -> NDArray[np.float64]:
         """Rows (joints, 4) of the gait under way or awaited."""
         return self._transitions[-1].target.copy()
+
+    @property
+    def ramp_time(self) -> float:
+        """Duration in s of the last change, lengthened where it had to be."""
+        return self._transitions[-1].ramp_time
 
     @property
     def moves(self) -> bool:
@@ -318,33 +384,34 @@ class GaitFollower:
         if self._transitions[-1] is not current:  # a later change waits already: this one takes its place
             self._transitions.pop()
         self._transitions = self._transitions[-1:]
-        if np.array_equal(self._transitions[-1].target, target):
-            return
         last = self._transitions[-1]
+        if _same(last.target, target):
+            return
         start = max(time, last.end)
-        if math.isinf(last.start):
-            source, angle = last.target.copy(), np.zeros(len(target))
-        else:
-            source, angle = last.target.copy(), last.sample(np.array([start]))[1][0]
-        # A joint that stands still takes frequency and phase of the new gait at once, from the phase's own zero.
-        resting = source[:, 0] == 0.0
-        source[resting, 1:3] = target[resting, 1:3]
-        angle = np.where(resting, target[:, 2], angle)
-        self._transitions.append(_Transition(start, self._ramp_time, source, target, angle))
+        ramp_time = self._ramp_time if self._as_asked else max(self._ramp_time, _SHORTEST_RAMP)
+        transition = _transition(last, target, start, ramp_time)
+        while not self._as_asked and ramp_time < LONGEST_RAMP and (excess := transition.excess()) > 1.0:
+            # The fading's own rate goes down in proportion, the beat's share of the rate does not.
+            ramp_time = min(ramp_time * min(max(excess, 1.05), 2.0), LONGEST_RAMP)
+            transition = _transition(last, target, start, ramp_time)
+        self._transitions.append(transition)
 
-    def levels(self, times: Sequence[float] | NDArray[np.float64], limit: float) -> NDArray[np.float64]:
-        """Return the gait as a `three_level` wave, shape (times, joints); ``limit`` in rad as there."""
+    def waves(
+        self, times: Sequence[float] | NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the sine's argument, its amplitude and the bias, rad, each of shape (times, joints)."""
         at = np.asarray(times, dtype=float)
-        result = np.zeros((len(at), self.joints))
+        result = np.zeros((3, len(at), self.joints))
         for transition in self._transitions:
             chosen = at >= transition.start
             if math.isfinite(transition.start) and chosen.any():
-                elapsed = at[chosen] - transition.start
-                done = smooth_step(elapsed / transition.ramp_time)[0] if transition.ramp_time else np.ones_like(elapsed)
-                now = transition.source + (transition.target - transition.source) * done[:, None, None]
-                argument = transition.sample(at[chosen])[1]
-                result[chosen] = three_level(argument, now[:, :, 0], now[:, :, 3], limit)
-        return result
+                beat, bias = transition.beat(at[chosen])
+                result[:, chosen] = np.angle(beat[0]), np.abs(beat[0]), bias[0]
+        return result[0], result[1], result[2]
+
+    def levels(self, times: Sequence[float] | NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+        """Return the gait as a `three_level` wave, shape (times, joints); ``limit`` in rad as there."""
+        return three_level(*self.waves(times), limit)
 
     def _current(self, time: float) -> _Transition:
         begun = [transition for transition in self._transitions if transition.start <= time]
@@ -361,5 +428,16 @@ class GaitFollower:
         for transition in self._transitions:
             chosen = at >= transition.start
             if math.isfinite(transition.start) and chosen.any():
-                result[chosen] = transition.sample(at[chosen])[0]
+                beat, bias = transition.beat(at[chosen])
+                result[chosen] = np.moveaxis(bias + beat.imag, 0, 2)
         return result
+
+
+def _transition(last: _Transition, target: NDArray[np.float64], start: float, ramp_time: float) -> _Transition:
+    """Return the change from what ``last`` led to, its phases as `GaitFollower` says."""
+    source, angle = last.target, last.target_angle_at(start)
+    turn = math.pi * ramp_time  # of a beat at 1 Hz in half the ramp
+    shift = turn * (source[:, 1] - target[:, 1]) + target[:, 2] - source[:, 2]
+    # A joint that stands still takes the new gait from the phase's own zero.
+    target_angle = np.where(source[:, 0] == 0.0, target[:, 2], angle + shift)
+    return _Transition(start, ramp_time, source, target, angle, target_angle)

@@ -6,12 +6,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fin_plant.gait import Gait, JointDrive, three_level
+from fin_plant.gait import Gait, GaitFollower, three_level
 from fin_servo_driver.set_points import Outputs, require_rows
 
 if TYPE_CHECKING:
@@ -80,7 +79,7 @@ class RelaySwitch:
 
 
 class RelayMotion:
-    """A tail of relays. A change of gait is ramped, and its phase angle has no jump."""
+    """A tail of relays. A change of gait is ramped: the one beat's strokes get shorter while the other's get longer."""
 
     stop_time = 0.0
 
@@ -91,8 +90,8 @@ class RelayMotion:
         self.switches = [RelaySwitch(timing, period) for _ in joints]
         self._joints = tuple(joints)
         self._timing = timing
-        self._ramps = [_DriveRamp() for _ in joints]
-        self._ramp_time = 0.0
+        self._strokes = np.array([joint.stroke for joint in joints])
+        self._follower = GaitFollower(len(joints), 0.0)
 
     @property
     def joints(self) -> int:
@@ -136,21 +135,17 @@ class RelayMotion:
     def restart(self, ramp_time: float, measured: Mapping[int, float]) -> None:
         """Begin anew with all relays off; nothing is measured on relays."""
         del measured
-        self._ramp_time = ramp_time
-        self._ramps = [_DriveRamp() for _ in self._joints]
+        self._follower = GaitFollower(len(self._joints), ramp_time)
         self.angles = [0.0] * len(self._joints)
 
     def command(self, gait: Gait, time: float) -> None:
         """Follow a gait from ``time`` s on."""
-        for ramp, drive in zip(self._ramps, gait.joints, strict=True):
-            ramp.change(drive, time, self._ramp_time)
+        self._follower.command(gait, time)
 
     def outputs(self, now: float, scale: float) -> Outputs:
         """Return on (1) or off (0) for each relay; a tail that is being stopped has all off."""
-        drives, phase_angles = zip(*(ramp.at(now) for ramp in self._ramps), strict=True)
-        pairs = zip(drives, self._joints, strict=True)
-        amplitude, bias = np.array([(d.amplitude / joint.stroke, d.bias / joint.stroke) for d, joint in pairs]).T
-        wanted = three_level(np.array(phase_angles), amplitude, bias, 1.0)
+        argument, amplitude, bias = (wave[0] for wave in self._follower.waves([now]))
+        wanted = three_level(argument, amplitude / self._strokes, bias / self._strokes, 1.0)
         result: Outputs = {}
         for index, (joint, switch, level) in enumerate(zip(self._joints, self.switches, wanted, strict=True)):
             if scale < 1.0:
@@ -171,43 +166,3 @@ class RelayMotion:
         for switch in self.switches:
             switch.release(now)
         self.angles = [0.0] * len(self._joints)
-
-
-class _DriveRamp:
-    """Drive of one joint between the gait before and the one asked for; linear in amplitude, frequency and bias."""
-
-    def __init__(self) -> None:
-        self._source = self._target = JointDrive(0.0, 0.0)
-        self._start = 0.0
-        self._ramp_time = 0.0
-        self._angle = 0.0
-
-    def change(self, target: JointDrive, time: float, ramp_time: float) -> None:
-        if target == self._target:
-            return
-        now, angle = self.at(time)
-        resting = now.amplitude == 0.0
-        self._source = replace(target, amplitude=0.0, bias=now.bias) if resting else now
-        # A phase takes effect at once at a start from rest; a tail that beats shifts to it along the ramp.
-        self._angle = target.phase if resting else angle
-        self._target, self._start, self._ramp_time = target, time, ramp_time
-
-    def at(self, now: float) -> tuple[JointDrive, float]:
-        """Return the drive and the phase angle in rad at ``now`` s."""
-        elapsed = max(0.0, now - self._start)
-        part = min(1.0, elapsed / self._ramp_time) if self._ramp_time > 0.0 else 1.0
-        source, target = self._source, self._target
-        change = target.frequency - source.frequency
-        # The integral of the ramped frequency: half of the ramp counts.
-        turns = source.frequency * elapsed + change * (elapsed - self._ramp_time * (part - 0.5 * part**2))
-        angle = self._angle + 2.0 * math.pi * turns + (target.phase - source.phase) * part
-        if part == 1.0:
-            return target, angle
-        drive = replace(
-            target,
-            phase=source.phase + (target.phase - source.phase) * part,
-            amplitude=source.amplitude + (target.amplitude - source.amplitude) * part,
-            frequency=source.frequency + change * part,
-            bias=source.bias + (target.bias - source.bias) * part,
-        )
-        return drive, angle

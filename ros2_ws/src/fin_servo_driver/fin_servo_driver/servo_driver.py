@@ -406,7 +406,7 @@ class ServoDriver:
             return
         if gait is None:
             return
-        if self._sent is None or self._sent.gait != gait:
+        if self._sent is None or not self._sent.gait.same_as(gait):
             self._gait_since = now
         self._sent = Command(gait, now, self._gait_since)
         self._need_io().mailbox.put(self._sent)
@@ -416,7 +416,7 @@ class ServoDriver:
             self._swimming_since = None
         self._stop_reason = ""
         self.publish_state()
-        if gait != self._applied:
+        if not gait.same_as(self._applied):
             self._apply(gait)
 
     def _accepted(self, gait: Gait) -> Gait | None:

@@ -78,7 +78,6 @@ class ServoMotion:
         self._period = period
         self._limiters = [SetPointLimiter(joint, 2.0 * period) for joint in joints]
         self._follower = GaitFollower(len(joints), 0.0)
-        self._ramp_time = 0.0
         self._late_start = -math.inf
         self._since: float | None = None
         self._last: float | None = None
@@ -109,7 +108,6 @@ class ServoMotion:
     def restart(self, ramp_time: float, measured: Mapping[int, float]) -> None:
         """Begin anew from neutral, or from where the servos say that they stand."""
         self._follower = GaitFollower(len(self._joints), ramp_time)
-        self._ramp_time = ramp_time
         self._late_start = -math.inf
         self._since = self._last = None
         for index, (limiter, joint) in enumerate(zip(self._limiters, self._joints, strict=True)):
@@ -139,8 +137,8 @@ class ServoMotion:
 
     def _late_ramp(self, now: float) -> float:
         """Return a factor from 0 to 1: the tail starts late from rest, and the gait keeps the phase it has by then."""
-        elapsed = now - self._late_start
-        return float(smooth_step(np.array(elapsed / self._ramp_time))[0]) if elapsed < self._ramp_time else 1.0
+        elapsed, ramp_time = now - self._late_start, self._follower.ramp_time
+        return float(smooth_step(np.array(elapsed / ramp_time))[0]) if elapsed < ramp_time else 1.0
 
     def neutral(self) -> Outputs:
         """Return the centres."""

@@ -230,7 +230,7 @@ class _Task:
 @lru_cache(maxsize=4)  # a search swims batch after batch with the same gait
 def _shared(task: _Task) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Return what a lane kernel needs to know of each step, flat (steps, columns), and of all steps, (``UNIFORM``,)."""
-    follower = GaitFollower(task.fish.driven_joints, task.ramp_time)
+    follower = GaitFollower(task.fish.driven_joints, task.ramp_time, as_asked=True)
     follower.command(task.gait, 0.0)
     motion = follower.motion(np.linspace(task.step, task.duration, task.steps))
     window = task.window_weights(task.steps + 1, task.first_step)[1:]

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from fin_plant import node_process, topics
 from fin_plant.fin import PLANT_PARAMETERS, Fin
-from fin_plant.gait import GaitFollower
+from fin_plant.gait import Gait, GaitFollower
 from fin_plant.messages import (
     NANOSECONDS,
     gait_from_message,
@@ -202,7 +202,7 @@ class Simulator:
         try:
             gait = gait_from_message(message)
             limited = gait.limited(self._number("limits.sweep"), self._number("limits.frequency"))
-            changed = not np.array_equal(self._follower.target, limited.rows())
+            changed = not limited.same_as(Gait.from_rows(self._follower.target))
             self._follower.command(limited, self._fish_time)
         except ValueError as error:
             self._rejected += 1

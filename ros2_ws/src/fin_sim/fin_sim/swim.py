@@ -77,7 +77,7 @@ def swim_chain(
     samples = max(1, round(duration / sample_time))
     every = math.ceil(duration / samples / step - 1e-9)
     stepper = dynamics.Stepper(chain, duration / (samples * every), every)
-    follower = GaitFollower(sum(chain.driven), ramp_time)
+    follower = GaitFollower(sum(chain.driven), ramp_time, as_asked=True)
     follower.command(gait, 0.0)
     motion = TailDrive(follower, servo).motion(stepper.half_step_times(samples))
     states, records = stepper.advance(stepper.start(), motion)

@@ -122,7 +122,7 @@ def predict(numbers: NDArray[np.float64], swim: Measured, frequency: float) -> t
     stepper = dynamics.Stepper(chain, _STEP, _EVERY)
     samples = max(2, round(swim.duration / stepper.sample_time))
     bias = math.radians(swim.bias) + float(numbers[3])
-    follower = GaitFollower(1, _RAMP)
+    follower = GaitFollower(1, _RAMP, as_asked=True)
     follower.command(Gait((JointDrive(math.radians(swim.amplitude), frequency, bias=bias),)), 0.0)
     state = stepper.start()
     state[dynamics.SURGE] = swim.start_speed
