@@ -25,6 +25,7 @@ import numpy as np
 import yaml
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2.metadata import dump_qos_v9
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from fin_optimizer.disk_space import shortage
@@ -45,6 +46,8 @@ FLUSH_PERIOD = 0.5
 """s of wall time between two flushes: on a busy machine too, a kill or a power cut takes away less than 1 s."""
 TRIAL_RECORD = "trial"
 """Name of the MCAP metadata record that describes the trial."""
+LIBRARY = "fin_optimizer"
+"""What the header of a bag's MCAP file begins its library with: the program that wrote it."""
 BAG_VERSION = 9
 ROS_DISTRIBUTION = "jazzy"
 
@@ -148,8 +151,16 @@ def header_stamp(data: bytes) -> int:
 
 
 def decode(data: bytes, type_name: str) -> Any:
-    """Return the message that serialised bytes hold."""
-    return message_types().deserialize_cdr(data, type_name)
+    """Return the message that serialised bytes hold.
+
+    Raises:
+        BagError: They hold no message of that type.
+    """
+    try:
+        return message_types().deserialize_cdr(data, type_name)
+    except SerdeError as error:
+        msg = f"a message of {len(data)} bytes is no {type_name}: {error}"
+        raise BagError(msg) from error
 
 
 def velocity_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -250,7 +261,7 @@ class BagWriter:
 
     def _start(self) -> dict[str, int]:
         """Write header, trial, schemas and channels; return the channels' numbers by topic."""
-        self._mcap.start(profile="ros2", library=f"fin_optimizer, mcap {version('mcap')}")
+        self._mcap.start(profile="ros2", library=f"{LIBRARY}, mcap {version('mcap')}")
         self._mcap.add_metadata(TRIAL_RECORD, self._metadata)
         schemas: dict[str, int] = {}
         channels = {}

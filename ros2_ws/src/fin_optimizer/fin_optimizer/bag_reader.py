@@ -10,27 +10,38 @@ from typing import TYPE_CHECKING, Any
 
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Header, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import MCAP0_MAGIC
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 from zstandard import ZstdError
 
-from fin_optimizer.bag import TRIAL_RECORD, VELOCITY_TYPE, BagError, decode, velocity_samples
+from fin_optimizer.bag import LIBRARY, TRIAL_RECORD, VELOCITY_TYPE, BagError, decode, velocity_samples
+from fin_optimizer.bag_files import (
+    RecordedTopic,
+    bag_files,
+    information,
+    mcap_content,
+    plain,
+    reading,
+    sqlite_messages,
+    sqlite_topics,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     import numpy as np
     from mcap.records import McapRecord
     from numpy.typing import NDArray
-    from rosbags.interfaces import Qos
 
 _DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError)
 """What reading damaged bytes raises."""
 MAGIC_SIZE = 8
+_LONGEST_HEADER = 1024  # bytes from the file's beginning; ROS 2 and the optimiser write some sixty
 _RECORD_HEAD = struct.Struct("<BQ")  # an MCAP record's opcode and length
 
 
@@ -39,48 +50,59 @@ class Bag:
     """A bag on the disk; its messages are read when asked for.
 
     Attributes:
-        path: The MCAP file.
+        path: Its first file.
+        files: All of its files, in the order of their recording.
         metadata: What describes the trial.
         topics: Message type by absolute topic name.
         qos: What the publishers offered, as YAML, by absolute topic name; see `offered`.
         counts: Number of messages by absolute topic name.
+        left_out: Why the messages of a topic cannot be read, by absolute name of those topics.
         complete: Whether it was closed. If not, the last moments before a kill are missing.
-        whole_bytes: Length of the file up to where a kill or a power cut took the rest.
+        whole_bytes: Length of the last file up to where a kill or a power cut took the rest.
     """
 
     path: Path
+    files: tuple[Path, ...]
     metadata: Mapping[str, str]
     topics: Mapping[str, str]
     qos: Mapping[str, str]
     counts: Mapping[str, int]
+    left_out: Mapping[str, str]
     complete: bool
     whole_bytes: int
+
+    @property
+    def name(self) -> Path:
+        """Its folder as `read_bag` found it, or its file where the folder holds others too."""
+        return self.path.parent if _is_alone(self.files) else self.path
 
     def topic(self, name: str) -> str:
         """Return the absolute name of the topic that is called ``name`` or ends with ``/name``.
 
         Raises:
-            BagError: There is none, or there are several.
+            BagError: There is none, there are several, or it cannot be read.
         """
         found = [topic for topic in self.topics if topic == name or topic.endswith(f"/{name}")]
         if len(found) != 1:
             known = ", ".join(found or self.topics) or "none at all"
-            msg = f"bag {self.path} has {len(found)} topics {name!r}, needed is one: it has {known}"
+            unreadable = "".join(f"; {topic} is left out: {why}" for topic, why in self.left_out.items())
+            msg = f"bag {self.path} has {len(found)} topics {name!r}, needed is one: it has {known}{unreadable}"
             raise BagError(msg)
         return found[0]
 
     def offered(self, name: str) -> Qos:
-        """Return what the publisher of a topic offered.
+        """Return what the publishers of a topic offered, where it is not told what suits every listener.
+
+        Of several offers that differ the stronger one is taken, with which every listener can be content.
 
         Raises:
-            BagError: No such topic, or the bag does not say.
+            BagError: No such topic.
         """
         topic = self.topic(name)
         try:
-            return parse_qos(self.qos[topic])[0]
-        except (ReaderError, LookupError, TypeError) as error:
-            msg = f"bag {self.path} does not tell the quality of service of {topic}: {error}"
-            raise BagError(msg) from error
+            return _strongest(parse_qos(self.qos[topic]))
+        except (ReaderError, LookupError, TypeError, ValueError, AttributeError):
+            return _NOT_TOLD
 
     def messages(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
         """Yield absolute topic, log time in ns and serialised message of the topics, in the order of their recording.
@@ -89,22 +111,29 @@ class Bag:
             BagError: No such topic, or damaged bytes.
         """
         wanted = {self.topic(name) for name in names}
-        channels: dict[int, str] = {}
-        for record in _records(self.path):
-            if isinstance(record, Channel) and record.topic in wanted:
-                channels[record.id] = record.topic
-            elif isinstance(record, Message) and record.channel_id in channels:
-                yield channels[record.channel_id], record.log_time, record.data
+        for file in self.files:
+            for topic, log_time, data in _messages(file):
+                if topic in wanted:
+                    yield topic, log_time, _plain_message(file, topic, data)
 
-    def decoded(self, name: str) -> Iterator[tuple[int, Any]]:
-        """Yield log time in ns and decoded message of one topic.
+    def decoded(self, name: str, type_name: str | None = None) -> Iterator[tuple[int, Any]]:
+        """Yield log time in ns and decoded message of one topic, which must have the given type.
 
         Raises:
-            BagError: No such topic, or damaged bytes.
+            BagError: No such topic, another type, or damaged bytes.
         """
-        type_name = self.topics[self.topic(name)]
+        kind = self._type_of(name, type_name)
         for _, log_time, data in self.messages(name):
-            yield log_time, decode(data, type_name)
+            yield log_time, decode(data, kind)
+
+    def typed(self, name: str, type_name: str) -> list[bytes]:
+        """Return the serialised messages of one topic, which must have the given type.
+
+        Raises:
+            BagError: No such topic, another type, or damaged bytes.
+        """
+        self._type_of(name, type_name)
+        return [data for _, _, data in self.messages(name)]
 
     def velocity(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return header stamps in ns and forward speeds in m/s of ``velocity``, both (n,).
@@ -112,47 +141,196 @@ class Bag:
         Raises:
             BagError: No such topic, another type, or damaged bytes.
         """
-        name = self.topic("velocity")
-        if self.topics[name] != VELOCITY_TYPE:
-            msg = f"topic {name} of bag {self.path} is {self.topics[name]}, needed is {VELOCITY_TYPE}"
+        return velocity_samples(self.typed("velocity", VELOCITY_TYPE))
+
+    def _type_of(self, name: str, needed: str | None) -> str:
+        topic = self.topic(name)
+        if needed not in {None, self.topics[topic]}:
+            msg = f"topic {topic} of bag {self.path} is {self.topics[topic]}, needed is {needed}"
             raise BagError(msg)
-        return velocity_samples([data for _, _, data in self.messages(name)])
+        return self.topics[topic]
+
+
+_NO_TIME = QosTime(0, 0)
+_USUAL_DEPTH = 10  # what ROS 2 takes for a publisher that says nothing
+_NOT_TOLD = Qos(
+    QosHistory.KEEP_LAST,
+    _USUAL_DEPTH,
+    QosReliability.RELIABLE,
+    QosDurability.VOLATILE,
+    _NO_TIME,
+    _NO_TIME,
+    QosLiveliness.AUTOMATIC,
+    _NO_TIME,
+    avoid_ros_namespace_conventions=False,
+)
+
+
+def _strongest(offers: Sequence[Qos]) -> Qos:
+    """Return one offer for several; a recorder learns no history over the network, so most bags lack it."""
+    if not offers:
+        return _NOT_TOLD
+    offer = offers[0]
+    weak = all(item.reliability is QosReliability.BEST_EFFORT for item in offers)
+    latched = any(item.durability is QosDurability.TRANSIENT_LOCAL for item in offers)
+    offer = offer._replace(
+        reliability=QosReliability.BEST_EFFORT if weak else QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
+    )
+    depth = max(item.depth for item in offers)
+    if any(item.history is QosHistory.KEEP_ALL for item in offers):
+        return offer._replace(history=QosHistory.KEEP_ALL)
+    return offer._replace(history=QosHistory.KEEP_LAST, depth=depth if depth > 0 else _USUAL_DEPTH)
 
 
 def read_bag(path: Path) -> Bag:
-    """Return the bag in a folder (or an MCAP file), also one that a kill left open.
+    """Return the bag in a folder (or in a file), also one that a kill left open, and one of another program.
 
     Raises:
         BagError: There is no bag, or its bytes are damaged.
     """
-    file = mcap_file(path)
+    files = bag_files(path)
+    contents = [_contents(file) for file in files]
+    topics: dict[str, str] = {}
+    left_out: dict[str, str] = {}
+    qos: dict[str, str] = {}
+    counts: dict[str, int] = {}
+    for content in contents:
+        for topic, count in content.topics:
+            if why := _unreadable(topic, topics):
+                left_out[topic.name] = why
+                continue
+            topics[topic.name] = _full_type(topic.type_name)
+            qos[topic.name] = qos.get(topic.name) or topic.qos
+            counts[topic.name] = counts.get(topic.name, 0) + count
+    readable = topics.keys() - left_out.keys()
+    if left_out and not readable:
+        msg = f"bag {files[0]}: {'; '.join(f'topic {topic} {why}' for topic, why in left_out.items())}"
+        raise BagError(msg)
+    told = next((content.metadata for content in contents if content.metadata), None)
+    return Bag(
+        path=files[0],
+        files=files,
+        metadata=dict(information(files[0].parent).custom_data) if told is None else told,
+        topics={name: kind for name, kind in topics.items() if name in readable},
+        qos=qos,
+        counts={name: count for name, count in counts.items() if name in readable},
+        left_out=left_out,
+        complete=all(content.complete for content in contents),
+        whole_bytes=contents[-1].whole_bytes,
+    )
+
+
+def _unreadable(topic: RecordedTopic, known: Mapping[str, str]) -> str:
+    """Return why the messages of a topic cannot be read, or an empty text."""
+    if not topic.type_name:
+        return "has no message type: ROS 2 did not record it"
+    if topic.encoding != "cdr":
+        return f"is serialised as {topic.encoding!r}, needed is 'cdr'"
+    before = known.get(topic.name, "")
+    if before and before != _full_type(topic.type_name):
+        return f"has two message types, {before} and {topic.type_name}"
+    return ""
+
+
+def _full_type(name: str) -> str:
+    """Return a message type with the part that some writers leave out: ``std_msgs/msg/Header``."""
+    package, _, rest = name.partition("/")
+    return name if not rest or "/" in rest else f"{package}/msg/{rest}"
+
+
+def _is_alone(files: tuple[Path, ...]) -> bool:
+    try:
+        return bag_files(files[0].parent) == files
+    except BagError:
+        return False
+
+
+def _plain_message(file: Path, topic: str, data: bytes) -> bytes:
+    try:
+        return plain(data)
+    except ZstdError as error:
+        msg = f"bag {file} is damaged: a compressed message of {topic}: {error}; its messages cannot be trusted"
+        raise BagError(msg) from error
+
+
+@dataclass(frozen=True)
+class _Contents:
+    """What one file of a bag holds; topics with the number of their messages."""
+
+    topics: Sequence[tuple[RecordedTopic, int]]
+    metadata: Mapping[str, str]
+    complete: bool
+    whole_bytes: int
+
+
+def _contents(file: Path) -> _Contents:
+    content = _content(file)
+    if content is None:
+        with reading(file):
+            return _Contents(sqlite_topics(file), {}, complete=True, whole_bytes=file.stat().st_size)
     metadata: dict[str, str] = {}
     schemas: dict[int, str] = {}
     channels: dict[int, Channel] = {}
     counts: dict[int, int] = {}
-    for record in _records(file):
+    for record in _records(file, content):
         if isinstance(record, Message):
+            if record.channel_id not in counts:
+                msg = f"bag {file} is damaged: a message of channel {record.channel_id}, which is not described"
+                raise BagError(msg)
             counts[record.channel_id] += 1
         elif isinstance(record, Metadata) and record.name == TRIAL_RECORD:
             metadata = record.metadata
         elif isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
-            if record.schema_id not in schemas:
-                msg = f"bag {file}: topic {record.topic} has no message type: ROS 2 did not record it"
-                raise BagError(msg)
             channels[record.id] = record
             counts.setdefault(record.id, 0)
-    _, length, complete = _whole_records(file)
-    return Bag(
-        path=file,
-        metadata=metadata,
-        topics={channel.topic: schemas[channel.schema_id] for channel in channels.values()},
-        qos={channel.topic: channel.metadata.get("offered_qos_profiles", "") for channel in channels.values()},
-        counts={channel.topic: counts[number] for number, channel in channels.items()},
-        complete=complete,
-        whole_bytes=length,
-    )
+    topics = [(_recorded(channel, schemas), counts[number]) for number, channel in channels.items()]
+    _, length, complete = _whole_records(content)
+    return _Contents(topics, metadata, complete, length)
+
+
+def _recorded(channel: Channel, schemas: Mapping[int, str]) -> RecordedTopic:
+    qos = channel.metadata.get("offered_qos_profiles", "")
+    return RecordedTopic(channel.topic, schemas.get(channel.schema_id, ""), channel.message_encoding, qos)
+
+
+def _messages(file: Path) -> Iterator[tuple[str, int, bytes]]:
+    """Yield topic, log time in ns and recorded bytes of a file's messages.
+
+    Raises:
+        BagError: It cannot be read, or is damaged.
+    """
+    content = _content(file)
+    if content is None:
+        with reading(file):
+            yield from sqlite_messages(file)
+        return
+    channels: dict[int, str] = {}
+    for record in _records(file, content):
+        if isinstance(record, Channel):
+            channels[record.id] = record.topic
+        elif isinstance(record, Message):
+            yield channels[record.channel_id], record.log_time, record.data
+
+
+def _content(file: Path) -> bytes | None:
+    """Return the plain bytes of an MCAP file, None for a SQLite file.
+
+    Raises:
+        BagError: It is neither, damaged, or cannot be read.
+    """
+    try:
+        with reading(file):
+            content = mcap_content(file)
+    except ZstdError as error:
+        msg = f"bag {file} is damaged: {error}; its messages cannot be trusted"
+        raise BagError(msg) from error
+    if content is not None and len(content) <= MAGIC_SIZE:
+        msg = f"bag {file} is empty: it was cut off before anything was written"
+        raise BagError(msg)
+    return content
 
 
 def bag_metadata(path: Path) -> dict[str, str]:
@@ -161,10 +339,7 @@ def bag_metadata(path: Path) -> dict[str, str]:
     Raises:
         BagError: There is no bag, or its bytes are damaged.
     """
-    for record in _records(mcap_file(path)):
-        if isinstance(record, Metadata) and record.name == TRIAL_RECORD:
-            return record.metadata
-    return {}
+    return dict(read_bag(path).metadata)
 
 
 def read_velocity(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -177,15 +352,39 @@ def read_velocity(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 def mcap_file(path: Path) -> Path:
-    """Return the one MCAP file that a path means."""
-    if path.is_file():
-        return path
-    files = sorted(path.glob("*.mcap")) if path.is_dir() else []
-    if len(files) != 1:
-        what = f"{len(files)} MCAP files" if path.is_dir() else "neither folder nor file"
-        msg = f"{path} is no bag of a trial: it is {what}; give the folder that holds one .mcap file"
+    """Return the one MCAP file that a path means, as the optimiser records them.
+
+    Raises:
+        BagError: There is no bag, or one of another program.
+    """
+    files = bag_files(path)
+    count = len(list(path.glob("*.mcap"))) if path.is_dir() else 1
+    if len(files) > 1 or count != 1:
+        msg = f"bag {path} is {count} MCAP files among {len(files)}, and one is needed"
         raise BagError(msg)
     return files[0]
+
+
+def is_own(path: Path) -> bool:
+    """Return whether the optimiser recorded a bag; one that was cut off before it could say so counts.
+
+    Raises:
+        BagError: There is no bag, or it cannot be read.
+    """
+    files = bag_files(path)
+    if len(files) > 1 or files[0].suffix != ".mcap":
+        return False
+    with reading(path), files[0].open("rb") as file:
+        begin = io.BytesIO(file.read(_LONGEST_HEADER))
+    if len(begin.getvalue()) <= MAGIC_SIZE:
+        return True
+    try:
+        first = next(iter(StreamReader(begin).records))
+    except EndOfFile:
+        return True
+    except _DAMAGE:
+        return False
+    return isinstance(first, Header) and first.library.startswith(LIBRARY)
 
 
 def is_closed(path: Path) -> bool:
@@ -210,22 +409,16 @@ def _ends_as_closed(file: Path) -> bool:
         return size > 2 * MAGIC_SIZE and stream.read() == MCAP0_MAGIC
 
 
-def _check_begun(path: Path) -> None:
-    if path.stat().st_size <= MAGIC_SIZE:
-        msg = f"bag {path} is empty: it was cut off before anything was written"
-        raise BagError(msg)
-
-
-def _whole_records(path: Path) -> tuple[int, int, bool]:
+def _whole_records(content: bytes) -> tuple[int, int, bool]:
     """Return where a file's messages end and where its whole records end, in bytes, and whether it was closed.
 
     A power cut can leave zeros where data were not yet written, also inside the last chunk of a file that was not
     closed: its messages end before such a chunk, and otherwise with the last one, whatever its index looks like.
     """
-    size = path.stat().st_size
+    size = len(content)
     end = MAGIC_SIZE
     chunk = None
-    with path.open("rb") as file:
+    with io.BytesIO(content) as file:
         while end + _RECORD_HEAD.size <= size:
             file.seek(end)
             opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
@@ -255,25 +448,24 @@ def _is_chunk(data: bytes) -> bool:
         return False
 
 
-def _records(path: Path) -> Iterator[McapRecord]:
+def _records(path: Path, whole: bytes) -> Iterator[McapRecord]:
     """Yield the records of an MCAP file up to its end or to where a kill cut it off.
 
+    Args:
+        path: Of the file, for errors.
+        whole: Its plain bytes.
+
     Raises:
-        BagError: The file cannot be read, or bytes inside it are damaged.
+        BagError: Bytes inside it are damaged.
     """
     try:
-        _check_begun(path)
-        length, _, complete = _whole_records(path)
-        with path.open("rb") as file:
-            content = io.BytesIO(file.read(length))
+        length, _, complete = _whole_records(whole)
+        content = io.BytesIO(whole[:length])
         try:
             yield from StreamReader(content, validate_crcs=True).records
         except EndOfFile:
             if complete or content.tell() < length:
                 raise
-    except OSError as error:
-        msg = f"cannot read bag {path}: {error.strerror or error}"
-        raise BagError(msg) from error
     except _DAMAGE as error:
         msg = f"bag {path} is damaged: {type(error).__name__} {error}; its messages cannot be trusted"
         raise BagError(msg) from error

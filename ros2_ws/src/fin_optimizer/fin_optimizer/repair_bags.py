@@ -15,10 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.bag import BagError, BagTopic, BagWriter, lock
-from fin_optimizer.bag_reader import MAGIC_SIZE, is_closed, mcap_file, read_bag
+from fin_optimizer.bag_files import bags_in
+from fin_optimizer.bag_reader import MAGIC_SIZE, is_closed, is_own, mcap_file, read_bag
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from fin_optimizer.bag_reader import Bag
 
@@ -62,23 +63,36 @@ def repair_bag(path: Path) -> Repair | None:
     """Close a bag that was left open; return what came of it, None if there was nothing to do.
 
     Args:
-        path: Folder of the bag.
+        path: Folder of the bag, or its MCAP file.
     """
     try:
-        if is_closed(path):
-            return None
-        with mcap_file(path).open("r+b") as file:  # a network's file system locks only what can be written
-            lock(file)
-            if _holds_nothing(path):
-                shutil.rmtree(path)
-                return Repair(path, {}, 0, empty=True)
-            return _repaired(path, read_bag(path))
+        if path.is_file() or not is_own(path):
+            return _left_alone(path)
+        return None if is_closed(path) else _closed(path)
     except BlockingIOError:
         return Repair(path, {}, 0, recorded=True)
     except BagError as error:
         return Repair(path, {}, 0, str(error))
     except OSError as error:
         return Repair(path, {}, 0, error.strerror or str(error))
+
+
+def _closed(path: Path) -> Repair:
+    with mcap_file(path).open("r+b") as file:  # a network's file system locks only what can be written
+        lock(file)
+        if _holds_nothing(path):
+            shutil.rmtree(path)
+            return Repair(path, {}, 0, empty=True)
+        return _repaired(path, read_bag(path))
+
+
+def _left_alone(path: Path) -> Repair | None:
+    """Only look at a bag that is not the optimiser's, or that is no folder of its own."""
+    if read_bag(path).complete:
+        return None
+    if is_own(path):
+        return Repair(path, {}, 0, "it is a file; give its folder, which must hold this bag alone")
+    return Repair(path, {}, 0, "another program recorded it and did not close it; `ros2 bag reindex` mends such bags")
 
 
 def _holds_nothing(path: Path) -> bool:
@@ -126,23 +140,6 @@ def _verify(original: Bag, copy: Bag) -> None:
         raise BagError(msg)
 
 
-def bag_folders(path: Path) -> Iterator[Path]:
-    """Yield the bags that a path means, in the order of their names: one bag, a folder of bags, or a study.
-
-    Raises:
-        BagError: There is none.
-    """
-    if any(path.glob("*.mcap")):
-        yield path
-        return
-    bags = path / "bags" if (path / "bags").is_dir() else path
-    found = sorted({file.parent for file in bags.glob("*/*.mcap")}) if bags.is_dir() else []
-    if not found:
-        msg = f"{path} holds no bag: give the folder of a bag, of bags, or of a study"
-        raise BagError(msg)
-    yield from found
-
-
 def repair_bags(path: Path, *, or_nothing: bool = False) -> list[Repair]:
     """Repair every bag of a study or of a folder of bags that was left open; return what came of those.
 
@@ -151,7 +148,7 @@ def repair_bags(path: Path, *, or_nothing: bool = False) -> list[Repair]:
     """
     if or_nothing and not any(path.glob("bags/*/*.mcap")):
         return []
-    return [repair for bag in bag_folders(path) if (repair := repair_bag(bag)) is not None]
+    return [repair for bag in bags_in(path) if (repair := repair_bag(bag)) is not None]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -46,6 +46,10 @@ class ScoreError(ValueError):
         self.reason = reason
 
 
+class MissingMeasurementError(ScoreError):
+    """Nothing says which part of the swim counts."""
+
+
 @dataclass(frozen=True)
 class Window:
     """Time over which a trial is scored, by header stamps in ns; both ends belong to it.
@@ -105,12 +109,13 @@ class Measurement:
         """Return the measurement that a bag's metadata describes.
 
         Raises:
-            ScoreError: An entry is missing, no number or out of range.
+            MissingMeasurementError: An entry is missing.
+            ScoreError: One is no number or out of range.
         """
         missing = [key for key in _KEYS.values() if key not in metadata]
         if missing:
             msg = f"metadata lack {', '.join(missing)}: they do not say which part of the swim counts"
-            raise ScoreError(msg)
+            raise MissingMeasurementError(msg)
         try:
             return cls(**{name: float(metadata[key]) for name, key in _KEYS.items()})
         except ValueError as error:

@@ -6,16 +6,17 @@ import argparse
 import math
 import sys
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fin_optimizer.bag import BagError, decode, header_stamp
+from fin_optimizer.bag_files import bags_in
 from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.journal import StudyError
 from fin_optimizer.pipe import end_with_the_reader
-from fin_optimizer.repair_bags import bag_folders
-from fin_optimizer.score import Measurement, Score, ScoreError, Window, mean_power, score
+from fin_optimizer.score import Measurement, MissingMeasurementError, Score, ScoreError, Window, mean_power, score
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ _OBJECTIVE_KEY, _OBJECTIVE_WITH_COST = "study.objective", "speed_and_cost_of_tra
 _SPEED, _SPREAD, _COST = "speed (m/s)", "spread (m/s)", "cost of transport (J/m)"
 _FIN = "fin."
 _JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
+_STATE_TYPE = "diagnostic_msgs/msg/DiagnosticStatus"
 _DRIVEN = "tail_joint"
 """What the names of the driven joints start with; the fin's own hinges are springs and take no power from a servo."""
 
@@ -75,7 +77,8 @@ def swimming_since(bag: Bag) -> int:
         BagError: The bag has no ``plant_state``, or is damaged.
         ScoreError: As `start_of_swim` says.
     """
-    return start_of_swim((message for _, message in bag.decoded("plant_state")), bag.metadata)
+    states = bag.decoded("plant_state", _STATE_TYPE)
+    return start_of_swim((message for _, message in states), bag.metadata)
 
 
 def power_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -129,15 +132,19 @@ def scored_swim(
     return scored, power / scored.value if scored.value > 0.0 else None
 
 
-def score_bag(path: Path) -> tuple[Score, Bag]:
+def score_bag(path: Path, measured: Mapping[str, str] = MappingProxyType({})) -> tuple[Score, Bag]:
     """Return the score of a recorded trial, and its bag.
+
+    Args:
+        path: The bag.
+        measured: Entries of `Measurement.metadata` for a bag whose own metadata lack them: one of another program.
 
     Raises:
         BagError: There is no bag, it lacks a topic, or it is damaged.
         ScoreError: Its samples give no score.
     """
     bag = read_bag(path)
-    return _scored(bag, with_cost=False)[0], bag
+    return _scored(bag, measured, with_cost=False)[0], bag
 
 
 def cost_of_transport(bag: Bag) -> float | None:
@@ -147,13 +154,13 @@ def cost_of_transport(bag: Bag) -> float | None:
         BagError: It lacks a topic, or is damaged.
         ScoreError: Its samples give no score, or no power.
     """
-    return _scored(bag, with_cost=True)[1]
+    return _scored(bag, {}, with_cost=True)[1]
 
 
-def _scored(bag: Bag, *, with_cost: bool) -> tuple[Score, float | None]:
-    measurement = Measurement.from_metadata(bag.metadata)
+def _scored(bag: Bag, measured: Mapping[str, str], *, with_cost: bool) -> tuple[Score, float | None]:
+    measurement = Measurement.from_metadata({**measured, **bag.metadata})
     window = measurement.window(swimming_since(bag))
-    joints = [data for _, _, data in bag.messages("joint_states")] if with_cost else None
+    joints = bag.typed("joint_states", _JOINT_STATE_TYPE) if with_cost else None
     return scored_swim(bag.velocity(), joints, window, measurement)
 
 
@@ -172,9 +179,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "paths", nargs="+", type=Path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
     )
+    parser.add_argument(
+        "--settle", type=float, metavar="S", help="time from the gait's start to the window, of bags that do not say it"
+    )
+    parser.add_argument("--duration", type=float, metavar="S", help="length of the window, likewise")
+    words = parser.parse_args(arguments)
+    measured = _measured(words.settle, words.duration, parser)
     failed = False
     heads: list[str] = []
-    for given in parser.parse_args(arguments).paths:
+    for given in words.paths:
         try:
             wanted = _wanted(given)
         except BagError as error:
@@ -182,7 +195,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             continue
         for path, trial in wanted:
             try:
-                numbers = _numbers(path, trial)
+                numbers = _numbers(path, trial, measured)
+            except MissingMeasurementError as error:
+                failed = _tell(f"{path}: {error}; --settle and --duration say it")
+                continue
             except (BagError, ScoreError) as error:
                 failed = _tell(f"{path}: {error}")
                 continue
@@ -193,6 +209,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if trial is not None and (difference := _difference(numbers, trial)):
                 failed = _tell(f"{path}: {difference}")
     return 2 if failed else 0
+
+
+def _measured(settle: float | None, duration: float | None, parser: argparse.ArgumentParser) -> dict[str, str]:
+    """Return what the command line says of the window, as a bag's metadata would."""
+    if settle is None and duration is None:
+        return {}
+    if settle is None or duration is None:
+        parser.error("--settle and --duration go together: one alone does not say which part of the swim counts")
+    try:
+        return Measurement(settle, duration).metadata()
+    except ValueError as error:
+        parser.error(str(error))
 
 
 def _tell(error: str) -> bool:
@@ -206,7 +234,7 @@ def _wanted(path: Path) -> list[tuple[Path, TrialRecord | None]]:
     Raises:
         BagError: There is none.
     """
-    bags = list(bag_folders(path)) if path.is_dir() else [path]
+    bags = list(bags_in(path)) if path.is_dir() else [path]
     trials = _trials(path)  # after the bags: of each bag of a study that is under way the journal has the trial
     scored = [bag for bag, trial in trials.items() if trial.score is not None]
     wanted = []
@@ -234,23 +262,24 @@ def _trials(path: Path) -> dict[Path, TrialRecord]:
         return {}
 
 
-def _numbers(path: Path, trial: TrialRecord | None) -> dict[str, float]:
+def _numbers(path: Path, trial: TrialRecord | None, measured: Mapping[str, str]) -> dict[str, float]:
     """Return what a bag's trial achieved, by name and unit.
 
     Args:
         path: The bag.
         trial: Its OK trial, if it is known.
+        measured: Which part of the swim counts, if its metadata do not say so.
 
     Raises:
         BagError: There is no bag, it lacks a topic, or it is damaged.
         ScoreError: Its samples give no score.
     """
-    if trial is not None and not any(path.glob("*.mcap")):
+    if trial is not None and not path.exists():
         msg = f"trial {trial.number} is OK, but its bag is missing"
         raise BagError(msg)
     bag = read_bag(path)
     with_cost = bag.metadata.get(_OBJECTIVE_KEY) == _OBJECTIVE_WITH_COST
-    result, cost = _scored(bag, with_cost=with_cost)
+    result, cost = _scored(bag, measured, with_cost=with_cost)
     if not bag.complete:
         count = sum(bag.counts.values())
         sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")
