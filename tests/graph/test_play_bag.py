@@ -6,16 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import rclpy
+import yaml
+import zstandard
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from fin_optimizer.bag import BagWriter
+from fin_optimizer.bag import BagWriter, header_stamp
 from fin_optimizer.bag_reader import read_bag
+from fin_optimizer.play_bag import Player, parser
 from fin_optimizer.recorder import Recorder
 from fin_optimizer.score import Measurement, score
 from fin_optimizer.score_bag import score_bag, swimming_since
 from fin_plant import topics
-from support.bags import START, STATE, gait, state, write_swim
+from support.bags import START, STATE, STEP, gait, state, write_swim
+from support.foreign_bags import RECORDED_QOS, plain_mcap
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -175,6 +179,83 @@ def test_a_bag_is_played_at_its_own_pace_with_a_clock_from_the_middle(
     assert ear.recorder.received(topics.VELOCITY) == 51
     assert clocks == sorted(clocks)
     assert START + 0.5e9 <= clocks[0] < START + 0.7e9
+
+
+@pytest.mark.parametrize("rate", ["0", "50"])
+def test_the_clock_comes_before_the_messages_of_its_time_and_every_round_is_later(
+    swim: Path, ros_domain: int, monkeypatch: pytest.MonkeyPatch, rate: str
+) -> None:
+    said: list[tuple[str, int]] = []
+
+    class Witness:
+        """Stands for a publisher, so that the order of all that is said can be seen."""
+
+        def __init__(self, publisher: Any, name: str) -> None:
+            self._publisher, self._name = publisher, name
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._publisher, name)
+
+        def publish(self, message: Any) -> None:
+            clock = self._name == "clock"
+            stamp = message.clock.sec * 10**9 + message.clock.nanosec if clock else header_stamp(message)
+            said.append((self._name, stamp))
+
+    rclpy.init(domain_id=ros_domain)
+    try:
+        words = [str(swim), "--rate", rate, "--loop", "--quiet", "--topics", "velocity"]
+        player = Player(read_bag(swim), parser().parse_args(words))
+        publishers = {name: Witness(each, "velocity") for name, each in player._publishers.items()}  # noqa: SLF001
+        monkeypatch.setattr(player, "_publishers", publishers)
+        monkeypatch.setattr(player, "_clock", Witness(player._clock, "clock"))  # noqa: SLF001
+        wait_until(lambda: len([1 for name, _ in said if name == "velocity"]) > 303, 30, "a fourth round", player.step)
+        player.node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    for name in ("clock", "velocity"):
+        stamps = [stamp for each, stamp in said if each == name]
+        assert stamps == sorted(stamps)
+    clock = 0
+    for name, stamp in said:
+        clock = stamp if name == "clock" else clock
+        assert stamp <= clock
+    velocities = [stamp for name, stamp in said if name == "velocity"]
+    assert velocities[:101] == [START + index * STEP for index in range(101)]
+    assert len(set(velocities)) == len(velocities)
+
+
+def test_what_a_listener_cannot_understand_is_not_played_and_the_rest_is(
+    start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
+) -> None:
+    own = read_bag(swim)
+    types = {**own.topics, "/rosout": "rcl_interfaces/msg/Log", "/camera": "mocap4r2_msgs/msg/Markers"}
+    types["/fish/pose"] = "geometry_msgs/msg/PoseStamped"
+    messages = [
+        ("/fish/pose", 0, b"\0\1\0\0no pose"),
+        *((name, stamp, zstandard.compress(data)) for name, stamp, data in own.messages(*own.topics)),
+    ]
+    latched = yaml.safe_dump([{**RECORDED_QOS, "durability": "transient_local"}])
+    plain_mcap(tmp_path / "foreign.mcap", types, messages, qos=latched)
+    ear = listener("/fish")
+    ear.recorder.open(tmp_path / "again", own.metadata)
+    player = start("fin_optimizer", "play_bag", str(tmp_path / "foreign.mcap"), "--rate", "0")
+    ear.wait(lambda: not player.running, "the end of the bag")
+    assert player.wait() == 0
+    ear.recorder.close()
+    assert score_bag(tmp_path / "again")[0] == score_bag(swim)[0]
+    assert "left out: /camera: its type mocap4r2_msgs/msg/Markers is not installed here" in player.output()
+    assert "left out: /fish/pose: a message of 11 bytes is no geometry_msgs/msg/PoseStamped" in player.output()
+    assert "left out: /fish/gait, /rosout; --topics plays what it names" in player.output()
+
+
+def test_a_bag_with_nothing_to_play_is_refused(start: Start, tmp_path: Path) -> None:
+    plain_mcap(tmp_path / "b.mcap", {"/camera": "mocap4r2_msgs/msg/Markers"}, [("/camera", 1, b"")])
+    player = start("fin_optimizer", "play_bag", str(tmp_path / "b.mcap"))
+    assert player.wait() == 2
+    assert player.output() == (
+        f"error: bag {tmp_path} holds no message to play; left out: /camera: its type mocap4r2_msgs/msg/Markers is not "
+        "installed here\n"
+    )
 
 
 def test_a_bag_without_velocity_is_not_played_to_who_wants_velocities(start: Start, tmp_path: Path) -> None:

@@ -166,8 +166,8 @@ def test_files_of_different_bags_in_one_folder_are_bags_of_their_own(
 @pytest.mark.parametrize(
     ("told", "history", "depth", "reliability"),
     [
-        ([RECORDED_QOS], QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE),
-        ([{**RECORDED_QOS, "history": 3, "reliability": 2}], QosHistory.KEEP_LAST, 10, QosReliability.BEST_EFFORT),
+        ([RECORDED_QOS], QosHistory.KEEP_LAST, 1000, QosReliability.RELIABLE),
+        ([{**RECORDED_QOS, "history": 3, "reliability": 2}], QosHistory.KEEP_LAST, 1000, QosReliability.BEST_EFFORT),
         ([{**RECORDED_QOS, "history": "keep_all"}], QosHistory.KEEP_ALL, 0, QosReliability.RELIABLE),
         (
             [{**RECORDED_QOS, "reliability": "best_effort"}, {**RECORDED_QOS, "history": 1, "depth": 7}],
@@ -175,9 +175,9 @@ def test_files_of_different_bags_in_one_folder_are_bags_of_their_own(
             7,
             QosReliability.RELIABLE,
         ),
-        ([{"history": "keep_last"}], QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE),
-        ("", QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE),
-        ("7: [", QosHistory.KEEP_LAST, 10, QosReliability.RELIABLE),
+        ([{"history": "keep_last"}], QosHistory.KEEP_LAST, 1000, QosReliability.RELIABLE),
+        ("", QosHistory.KEEP_LAST, 1000, QosReliability.RELIABLE),
+        ("7: [", QosHistory.KEEP_LAST, 1000, QosReliability.RELIABLE),
     ],
 )
 def test_a_quality_of_service_that_a_recorder_does_not_know_gets_a_default(

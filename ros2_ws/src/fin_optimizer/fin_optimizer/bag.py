@@ -54,6 +54,7 @@ ROS_DISTRIBUTION = "jazzy"
 VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
 _HEADER_TYPE = "std_msgs/msg/Header"
 _STAMP_END = 12  # bytes: 4 of CDR encapsulation, 4 of seconds, 4 of nanoseconds
+_LAST_SECOND = 2**31 - 1  # that a ROS time holds
 _LITTLE_ENDIAN, _BIG_ENDIAN = struct.Struct("<iI"), struct.Struct(">iI")
 
 
@@ -130,6 +131,11 @@ def _qos_text(qos: Qos) -> str:
     return _yaml(dump_qos_v9([qos]))
 
 
+def is_known(type_name: str) -> bool:
+    """Return whether ROS 2 Jazzy defines a message type."""
+    return type_name in message_types().fielddefs
+
+
 def has_header(type_name: str) -> bool:
     """Return whether messages of that type start with a std_msgs/Header."""
     fields = message_types().fielddefs[type_name][1]
@@ -148,6 +154,17 @@ def header_stamp(data: bytes) -> int:
     byte_order = _LITTLE_ENDIAN if data[1] & 1 else _BIG_ENDIAN
     seconds, nanoseconds = byte_order.unpack_from(data, 4)
     return int(seconds * NANOSECONDS + nanoseconds)
+
+
+def shift_header(data: bytes, later: int) -> bytes:
+    """Return a serialised message that starts with a std_msgs/Header, its stamp so many ns later.
+
+    Raises:
+        BagError: Fewer bytes than a header has.
+    """
+    seconds, nanoseconds = divmod(header_stamp(data) + later, NANOSECONDS)
+    byte_order = _LITTLE_ENDIAN if data[1] & 1 else _BIG_ENDIAN
+    return data[:4] + byte_order.pack(min(seconds, _LAST_SECOND), nanoseconds) + data[_STAMP_END:]
 
 
 def decode(data: bytes, type_name: str) -> Any:
@@ -242,7 +259,7 @@ class BagWriter:
 
     @staticmethod
     def _known_type(topic: BagTopic) -> bool:
-        if topic.type_name not in message_types().fielddefs:
+        if not is_known(topic.type_name):
             msg = f"topic {topic.name} has the type {topic.type_name}, which ROS 2 Jazzy does not define"
             raise BagError(msg)
         return has_header(topic.type_name)

@@ -152,7 +152,7 @@ class Bag:
 
 
 _NO_TIME = QosTime(0, 0)
-_USUAL_DEPTH = 10  # what ROS 2 takes for a publisher that says nothing
+_USUAL_DEPTH = 1000  # as a plant offers it: room for all that a fast player has on its way
 _NOT_TOLD = Qos(
     QosHistory.KEEP_LAST,
     _USUAL_DEPTH,
