@@ -205,9 +205,9 @@ def test_the_clock_comes_before_the_messages_of_its_time_and_every_round_is_late
     try:
         words = [str(swim), "--rate", rate, "--loop", "--quiet", "--topics", "velocity"]
         player = Player(read_bag(swim), parser().parse_args(words))
-        publishers = {name: Witness(each, "velocity") for name, each in player._publishers.items()}  # noqa: SLF001
+        publishers = {name: Witness(each, "velocity") for name, each in player._publishers.items()}
         monkeypatch.setattr(player, "_publishers", publishers)
-        monkeypatch.setattr(player, "_clock", Witness(player._clock, "clock"))  # noqa: SLF001
+        monkeypatch.setattr(player, "_clock", Witness(player._clock, "clock"))
         wait_until(lambda: len([1 for name, _ in said if name == "velocity"]) > 303, 30, "a fourth round", player.step)
         player.node.destroy_node()
     finally:

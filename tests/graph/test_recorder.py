@@ -128,11 +128,11 @@ def listen_until(recorder: Recorder, condition: Callable[[], object], what: str)
     wait_until(condition, 30.0, what, meanwhile=turn)
 
 
-def recorded(plant: Plant, recorder: Recorder, path: Path, samples: int) -> Any:
+def recorded(plant: Plant, recorder: Recorder, path: Path, samples: int, measurement: Measurement | None = None) -> Any:
     """Record a swim of the plant; return the bag's summary."""
     listen_until(recorder, lambda: not recorder.unmatched([*STREAMS, topics.PLANT_STATE]), "publisher")
     listen_until(recorder, lambda: recorder.received(topics.PLANT_STATE), "plant_state")
-    recorder.open(path, Measurement().metadata())
+    recorder.open(path, (measurement or Measurement()).metadata(), measurement)
     plant.send(samples)
     listen_until(recorder, plant.sent.is_set, "end of the swim")
     return recorder.close()
@@ -154,6 +154,21 @@ def test_every_message_of_a_fast_swim_is_in_the_bag_and_scores_the_same(
     stamps, speed = recorder.velocity_samples()
     assert np.array_equal(stamps, read_velocity(summary.path)[0])
     live = score(stamps, speed, Measurement().window(1_700_000_000 * 10**9))
+    assert score_bag(summary.path)[0] == live
+    recorder.destroy()
+
+
+def test_a_bag_ends_shortly_after_the_window_however_far_the_plant_goes_on(
+    plant: Plant, node: Node, tmp_path: Path
+) -> None:
+    recorder = Recorder(node)
+    measurement = Measurement(settle=0.5, duration=1.0)
+    summary = recorded(plant, recorder, tmp_path / "trial_0001", 1000, measurement)
+    assert recorder.received(topics.VELOCITY) == 1000
+    assert summary.duration_ns == 2 * 10**9  # half a second to settle, one that counts, half a second more
+    assert {summary.counts[f"/fish/{topic.name}"] for topic in STREAMS} == {201}
+    assert summary.counts["/fish/plant_state"] == 3
+    live = score(*recorder.velocity_samples(), measurement.window(1_700_000_000 * 10**9))
     assert score_bag(summary.path)[0] == live
     recorder.destroy()
 

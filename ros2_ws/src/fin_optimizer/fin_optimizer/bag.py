@@ -5,8 +5,9 @@ and plays it. The usual writers keep up to 1 MiB in memory, which is a whole tri
 on the disk. What describes the trial (design, seed, versions) stands at the start of the MCAP file, where a
 kill cannot take it away, and in the ``custom_data`` of ``metadata.yaml``.
 
-A message is logged at its own header stamp, and one without a header at the newest stamp that the plant had
-reached. So a swim that ran fifty times faster than real time is played back at the fish's own pace.
+A message is logged at its own header stamp, and one without a header, or whose stamp cannot be believed, at the newest
+stamp that the plant had reached; the latter are counted. So a swim that ran fifty times faster than real time is played
+back at the fish's own pace, and a sender whose clock is not set makes no bag of 56 years.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from rosbags.rosbag2.metadata import dump_qos_v9
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
+from fin_optimizer.bag_time import LogTime
 from fin_optimizer.disk_space import shortage
 from fin_optimizer.score import NANOSECONDS
 
@@ -46,6 +48,8 @@ FLUSH_PERIOD = 0.5
 """s of wall time between two flushes: on a busy machine too, a kill or a power cut takes away less than 1 s."""
 TRIAL_RECORD = "trial"
 """Name of the MCAP metadata record that describes the trial."""
+UNUSABLE_STAMPS = "unusable_stamps"
+"""Name of the MCAP metadata record that counts, by topic, the messages whose stamp could not be believed."""
 LIBRARY = "fin_optimizer"
 """What the header of a bag's MCAP file begins its library with: the program that wrote it."""
 BAG_VERSION = 9
@@ -97,12 +101,14 @@ class BagSummary:
         counts: Number of messages by topic, also of topics without any.
         start_ns: Log time of the earliest message in ns since the epoch, 0 in an empty bag.
         duration_ns: Time in ns from the earliest to the latest message.
+        unusable_stamps: Number of messages by topic that have a header, but no stamp that can be believed.
     """
 
     path: Path
     counts: Mapping[str, int]
     start_ns: int
     duration_ns: int
+    unusable_stamps: Mapping[str, int]
 
     @property
     def message_count(self) -> int:
@@ -235,7 +241,7 @@ class BagWriter:
         self._minimum_free = minimum_free
         self._topics = {topic.name: topic for topic in topics}
         self._metadata = dict(metadata)
-        self._newest = newest_stamp_ns
+        self._time = LogTime(newest_stamp_ns)
         self._held: list[tuple[str, bytes]] = []
         self._summary: BagSummary | None = None
         self._failure: str | None = None
@@ -309,11 +315,7 @@ class BagWriter:
         if self._summary is not None:
             msg = f"bag {self.path} is closed: {topic} came too late"
             raise BagError(msg)
-        stamp = header_stamp(data) if self._with_header[topic] else None
-        if stamp is not None and stamp >= 0:  # log times are unsigned; a clock before 1970 tells nothing
-            self._newest = stamp if self._newest is None else max(stamp, self._newest)
-        else:
-            stamp = self._newest
+        stamp = self._time.of(topic, header_stamp(data) if self._with_header[topic] else None)
         if stamp is None:
             self._held.append((topic, data))
             return
@@ -385,10 +387,13 @@ class BagWriter:
     def _finish(self) -> BagSummary:
         """Write what is still to write and return what the bag holds."""
         # Without any stamp the bag's own moment is the best that is known.
-        self._write_held(time.time_ns() if self._newest is None else self._newest)
+        self._write_held(time.time_ns() if self._time.newest is None else self._time.newest)
         start = self._latest if self._earliest is None else self._earliest
-        summary = BagSummary(self.path, dict(self._counts), start, self._latest - start)
+        summary = BagSummary(self.path, dict(self._counts), start, self._latest - start, dict(self._time.unusable))
         information = self._information(summary)
+        if summary.unusable_stamps:
+            unusable = {topic: str(count) for topic, count in summary.unusable_stamps.items()}
+            self._mcap.add_metadata(UNUSABLE_STAMPS, unusable)
         self._mcap.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
         self._mcap.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
@@ -421,6 +426,7 @@ class BagWriter:
             "starting_time": {"nanoseconds_since_epoch": summary.start_ns},
             "message_count": summary.message_count,
         }
+        unusable = {f"{UNUSABLE_STAMPS}.{topic}": str(count) for topic, count in summary.unusable_stamps.items()}
         return {
             "version": BAG_VERSION,
             "storage_identifier": "mcap",
@@ -430,7 +436,7 @@ class BagWriter:
             "compression_mode": "",
             "relative_file_paths": [self._file_name],
             "files": [{"path": self._file_name, **extent}],
-            "custom_data": dict(self._metadata),
+            "custom_data": {**self._metadata, **unusable},
             "ros_distro": ROS_DISTRIBUTION,
         }
 

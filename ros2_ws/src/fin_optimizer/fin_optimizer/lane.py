@@ -57,6 +57,8 @@ class Lane:
         plant: How it is spoken to.
         trial: The one under way, None between trials.
         record: What the journal says of it.
+        unusable_stamps: Number of recorded messages by topic whose stamp cannot be believed.
+        notes: What is to be said of the fish, once.
     """
 
     def __init__(
@@ -90,6 +92,8 @@ class Lane:
         self._fast = self._was_fast = False
         self._waiting, self._waiting_since = "", 0.0
         self._recorded: dict[str, str] = {}
+        self.unusable_stamps: dict[str, int] = {}
+        self.notes: list[str] = []
         self._folder: Path | None = None
 
         def publisher(topic: Topic[Any]) -> Publisher:
@@ -236,7 +240,7 @@ class Lane:
             case Action.OPEN_BAG:
                 self._with_bag(self._open_bag)
             case Action.CLOSE_BAG:
-                self._with_bag(self._recorder.close)
+                self._with_bag(self._close_bag)
             case Action.SCORE:
                 self._facts.result = self._scored(trial)
 
@@ -265,7 +269,17 @@ class Lane:
     def _open_bag(self) -> None:
         if self.record is not None and self._folder is not None:
             self._recorded = self._bag_metadata(self.record)
-            self._recorder.open(self._folder / self.record.bag, self._recorded)
+            self._recorder.open(self._folder / self.record.bag, self._recorded, self._plan.measurement)
+
+    def _close_bag(self) -> None:
+        for topic, count in self._recorder.close().unusable_stamps.items():
+            if topic not in self.unusable_stamps:
+                self.notes.append(
+                    f"warning: {count} messages of {topic} have a stamp of zero, or far from the plant's time; the bag "
+                    "has them at the newest time known. Is the clock of their sender set? More of them are counted in "
+                    "/diagnostics"
+                )
+            self.unusable_stamps[topic] = self.unusable_stamps.get(topic, 0) + count
 
     def _bag_metadata(self, record: TrialRecord) -> dict[str, str]:
         state = self.plant.state

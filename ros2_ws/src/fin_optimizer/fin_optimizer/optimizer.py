@@ -224,6 +224,8 @@ class Optimizer:
             return
         record = self._study.finish(lane.record.number, result)
         lane.end()
+        while lane.notes:
+            self._display.say(lane.notes.pop(0))
         self._display.end(record, self._study.settled(), self._study.best())
         lane.publish_candidate(record)
         self._publish_progress()
@@ -271,6 +273,7 @@ class Optimizer:
             "trials": len(self._study.trials),
             "folder": str(self._study.folder),
         }
+        values |= {f"unusable stamps {name}": n for lane in self._lanes for name, n in lane.unusable_stamps.items()}
         if best is not None and best.score is not None:
             values |= {f"best {name}": value for name, value in best.values.items()}
             values["best score [m/s]"] = best.score

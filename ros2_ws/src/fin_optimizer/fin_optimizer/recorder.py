@@ -10,6 +10,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -17,8 +18,19 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
 from rclpy.type_support import check_is_valid_msg_type
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from fin_optimizer.bag import BagError, BagSummary, BagTopic, BagWriter, has_header, header_stamp, velocity_samples
-from fin_plant.topics import JOINT_STATES, PLANT_STATE, RECORDED_TOPICS, VELOCITY, Topic
+from fin_optimizer.bag import (
+    BagError,
+    BagSummary,
+    BagTopic,
+    BagWriter,
+    decode,
+    has_header,
+    header_stamp,
+    velocity_samples,
+)
+from fin_optimizer.score import LONGEST_GAP, NANOSECONDS, ScoreError
+from fin_optimizer.score_bag import start_of_swim
+from fin_plant.topics import JOINT_STATES, PLANT_STATE, POSE, RECORDED_TOPICS, VELOCITY, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -29,6 +41,12 @@ if TYPE_CHECKING:
     from rclpy.duration import Duration
     from rclpy.node import Node
 
+    from fin_optimizer.score import Measurement
+
+TAIL = round(LONGEST_GAP * NANOSECONDS)
+"""ns of the plant's time behind the window that a bag still holds: a score may need a sample so far beyond it."""
+_LONGEST_OVERRUN = 600 * NANOSECONDS
+_BY_TRUST = (JOINT_STATES.name, VELOCITY.name, POSE.name)
 _KEPT = (VELOCITY.name, JOINT_STATES.name, PLANT_STATE.name)
 """Topics that a score is made of, which it takes from memory."""
 WRITE_PERIOD = 0.02
@@ -63,13 +81,16 @@ class Recorder:
     ) -> None:
         self._minimum_free = minimum_free
         self._queue: deque[tuple[str, bytes]] = deque()
-        self._ears = {topic.name: _Ear(node, topic, self._queue, namespace) for topic in topics}
+        self._extent = _Extent()
+        self._ears = {topic.name: _Ear(node, topic, self._queue, self._extent, namespace) for topic in topics}
+        # What the plant says of itself is taken before its streams, so that the end of a swim is known before it comes.
+        self._turns = sorted(self._ears.values(), key=lambda ear: ear.topic is not PLANT_STATE)
         self._closing = threading.Event()
         self._job: Future[BagSummary] | None = None
 
     def listen(self) -> int:
         """Take what has arrived; return the number of messages."""
-        return sum(ear.take_waiting() for ear in self._ears.values())
+        return sum(ear.take_waiting() for ear in self._turns)
 
     def unmatched(self, required: Iterable[Topic[Any]]) -> list[str]:
         """Return the names of those topics that have no publisher yet."""
@@ -103,12 +124,13 @@ class Recorder:
         error = self._job.exception()
         return None if error is None else str(error)
 
-    def open(self, path: Path, metadata: Mapping[str, str]) -> None:
+    def open(self, path: Path, metadata: Mapping[str, str], measurement: Measurement | None = None) -> None:
         """Start a bag. What latched topics said before stands at its beginning.
 
         Args:
             path: Folder of the bag, which must not exist.
             metadata: What describes the trial.
+            measurement: Which part of a swim counts; streams are recorded until `TAIL` after it. Until `close` if None.
 
         Raises:
             BagError: A bag is open, the folder exists, or the disk refuses.
@@ -119,16 +141,23 @@ class Recorder:
         ears = self._ears.values()
         for ear in ears:
             ear.take_waiting(ALL)
-        stamps = [header_stamp(ear.last) for ear in ears if ear.with_header and ear.last is not None]
         topics = [BagTopic(ear.name, ear.topic.type_name, _bag_qos(ear.topic.qos)) for ear in ears]
-        newest = max(stamps, default=None)
-        writer = BagWriter(path, topics, metadata, newest_stamp_ns=newest, minimum_free=self._minimum_free)
+        writer = BagWriter(path, topics, metadata, newest_stamp_ns=self._plants_time(), minimum_free=self._minimum_free)
         self._queue.clear()
         self._closing.clear()
+        self._extent.begin(measurement)
         for ear in ears:
             ear.start()
         self._job = Future()
         threading.Thread(target=self._write, args=(writer, self._job), name="recorder").start()
+
+    def _plants_time(self) -> int | None:
+        """Return the newest stamp in ns of the topic that tells the plant's time best: a tracker has its own clock."""
+        for name in _BY_TRUST:
+            ear = self._ears.get(name)
+            if ear is not None and ear.last is not None and (stamp := header_stamp(ear.last)) > 0:
+                return stamp
+        return None
 
     def velocity_samples(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return header stamps in ns and forward speeds in m/s, both (n,), of the bag opened last.
@@ -150,7 +179,7 @@ class Recorder:
         if self._job is None:
             msg = "no bag is open"
             raise BagError(msg)
-        for ear in self._ears.values():
+        for ear in self._turns:
             ear.take_waiting(ALL)
             ear.stop()
         self._closing.set()
@@ -199,10 +228,37 @@ class Recorder:
         return writer.close()
 
 
+class _Extent:
+    """Until when the streams of a swim are recorded. A plant that runs fast goes on for long before it is stopped."""
+
+    def __init__(self) -> None:
+        self._measurement: Measurement | None = None
+        self._end: int | None = None
+
+    def begin(self, measurement: Measurement | None) -> None:
+        """Begin a bag, of a swim of which that part counts."""
+        self._measurement, self._end = measurement, None
+
+    def note(self, state: bytes) -> None:
+        """Learn from a serialised plant_state when the swim has begun."""
+        if self._measurement is None or self._end is not None:
+            return
+        with suppress(BagError, ScoreError):  # said again when the swim is scored, with its reason
+            start = start_of_swim([decode(state, PLANT_STATE.type_name)], {})
+            self._end = self._measurement.window(start).end_ns + TAIL
+
+    def is_over(self, stamp: int) -> bool:
+        """Return whether a stamp in ns lies behind the end. One far behind it is no plant's that merely went on."""
+        return self._end is not None and 0 < stamp - self._end < _LONGEST_OVERRUN
+
+
 class _Ear:
     """Listens to one topic; ``queue`` gets its messages while a bag is open."""
 
-    def __init__(self, node: Node, topic: Topic[Any], queue: deque[tuple[str, bytes]], namespace: str) -> None:
+    def __init__(
+        self, node: Node, topic: Topic[Any], queue: deque[tuple[str, bytes]], extent: _Extent, namespace: str
+    ) -> None:
+        self._extent = extent
         self.topic = topic
         self.with_header = has_header(topic.type_name)
         self.received = 0
@@ -257,6 +313,10 @@ class _Ear:
         return limit
 
     def _record(self, data: bytes) -> None:
+        if self.topic is PLANT_STATE:
+            self._extent.note(data)
+        elif self.with_header and self._extent.is_over(header_stamp(data)):
+            return
         self._queue.append((self.name, data))
         if self.topic.name in _KEPT:
             self.kept.append(data)
