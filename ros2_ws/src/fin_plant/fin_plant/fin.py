@@ -64,6 +64,11 @@ class Fin:
         """Side area of the fin in m^2."""
         return 0.5 * (self.height + self.tip_height) * self.length
 
+    @property
+    def largest_height(self) -> float:
+        """Height in m where the fin is highest."""
+        return max(self.height, self.tip_height)
+
     def height_at(self, position: float) -> float:
         """Return the height in m at ``position`` m behind the fin's root."""
         fraction = min(max(position / self.length, 0.0), 1.0)
@@ -185,6 +190,11 @@ class ProfiledFin(Fin):
     def area(self) -> float:
         """Side area of the fin in m^2."""
         return sum(0.5 * (d + e) * (b - a) * self.length for (a, d), (b, e) in pairwise(self._stations))
+
+    @property
+    def largest_height(self) -> float:
+        """Height in m where the fin is highest."""
+        return max(height for _, height in self._stations)
 
     def height_at(self, position: float) -> float:
         """Return the height in m at ``position`` m behind the fin's root."""

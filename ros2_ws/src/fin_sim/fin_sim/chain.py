@@ -27,7 +27,9 @@ MAXIMUM_LINKS = MAXIMUM_JOINTS + 1
 
 # Columns of the kernel's table of links. Moments are integrals over the link of density times (distance from the
 # joint)^j: VIRTUAL_j of the virtual mass per length pi/4 rho d^2, SOLID_j of the solid mass per length.
-LINK_COLUMNS = 14
+# After them come the pieces between the points of its profile, along each of which the height is linear: distance of
+# its end behind the joint, height at its front and slope. A link of fewer pieces than another ends with columns of 0.
+FIRST_PIECE = 12
 (
     LENGTH,
     VIRTUAL_0,
@@ -36,14 +38,14 @@ LINK_COLUMNS = 14
     SOLID_0,
     SOLID_1,
     SOLID_2,
-    ROOT_HEIGHT,
-    HEIGHT_SLOPE,
     TIP_VIRTUAL,
     STIFFNESS,
     DAMPING,
     DRIVEN,
     RESISTIVE,
-) = range(LINK_COLUMNS)
+) = range(FIRST_PIECE)
+PIECE_COLUMNS = 3
+PIECE_END, PIECE_HEIGHT, PIECE_SLOPE = range(PIECE_COLUMNS)
 
 
 # Three points integrate polynomials of degree 5 exactly; the moments' have degree 4.
@@ -62,18 +64,12 @@ def _moments(link: Link, power: int) -> list[float]:
     return [float(value) for value in total]
 
 
-def _resistive_profile(link: Link) -> tuple[float, float]:
-    """Return root height and slope that the resistive force sees.
-
-    They are the link's own where its edges are straight; else those of the straight link of the same area and
-    centroid, or as near to it as leaves no end below 0. Everything else takes the profile as it is.
-    """
-    if not link.profile:
-        return link.root_height, (link.tip_height - link.root_height) / link.length
-    area, moment, _ = _moments(link, 1)
-    largest = 2.0 * area / link.length**2
-    slope = min(max(12.0 * (moment - 0.5 * area * link.length) / link.length**3, -largest), largest)
-    return area / link.length - 0.5 * slope * link.length, slope
+def _pieces(link: Link) -> list[float]:
+    """Return the columns of a link's pieces."""
+    columns = []
+    for (start, low), (end, high) in pairwise(link.stations):
+        columns += [end, low, (high - low) / (end - start)]
+    return columns
 
 
 @dataclass(frozen=True)
@@ -114,25 +110,25 @@ class Chain:
             raise ValueError(msg)
 
     def link_table(self) -> NDArray[np.float64]:
-        """Return the kernel's table, shape (links, ``LINK_COLUMNS``)."""
-        return np.array(
-            [self._link_row(link, is_driven) for link, is_driven in zip(self.links, self.driven, strict=True)]
-        )
+        """Return the kernel's table, shape (links, ``FIRST_PIECE`` + 3 times the most pieces of a link)."""
+        rows = [self._link_row(link, is_driven) for link, is_driven in zip(self.links, self.driven, strict=True)]
+        table = np.zeros((len(rows), max(map(len, rows))))
+        for row, values in zip(table, rows, strict=True):
+            row[: len(values)] = values
+        return table
 
     def _link_row(self, link: Link, is_driven: bool) -> list[float]:
         virtual = 0.25 * math.pi * self.water.density
-        root, slope = _resistive_profile(link)
         return [
             link.length,
             *(virtual * moment for moment in _moments(link, 2)),
             *(link.mass_per_area * moment for moment in _moments(link, 1)),
-            root,
-            slope,
             virtual * link.tip_height**2,
             0.0 if is_driven else link.stiffness,
             0.0 if is_driven else link.damping,
             float(is_driven),
             -0.5 * self.water.density * self.water.normal_drag,
+            *_pieces(link),
         ]
 
     def body_vector(self) -> NDArray[np.float64]:

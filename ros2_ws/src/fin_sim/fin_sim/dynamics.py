@@ -24,10 +24,13 @@ from fin_plant import checks
 from fin_sim.chain import (
     DAMPING,
     DRIVEN,
-    HEIGHT_SLOPE,
+    FIRST_PIECE,
     LENGTH,
+    PIECE_COLUMNS,
+    PIECE_END,
+    PIECE_HEIGHT,
+    PIECE_SLOPE,
     RESISTIVE,
-    ROOT_HEIGHT,
     SOLID_0,
     SOLID_1,
     SOLID_2,
@@ -57,7 +60,7 @@ SCRATCH_COLUMNS = 9
 
 @kernel
 def _resistive_integrals(w: float, turn: float, length: float, height: float, slope: float) -> tuple[float, float]:
-    """Return the integrals over a link of d v |v| and s d v |v| with v = w - s turn and d = height + slope s."""
+    """Return the integrals over a piece of d v |v| and s d v |v| with v = w - s turn and d = height + slope s."""
     c0 = height * w * w
     c1 = slope * w * w - 2.0 * height * w * turn
     c2 = height * turn * turn - 2.0 * slope * w * turn
@@ -77,6 +80,23 @@ def _resistive_integrals(w: float, turn: float, length: float, height: float, sl
 
 
 @kernel
+def _resistive_wrench(w: float, turn: float, link: Array) -> tuple[float, float]:
+    """Return the integrals over a link, of as many pieces as its row has, of d v |v| and s d v |v|, v = w - s turn."""
+    force, moment, start = 0.0, 0.0, 0.0
+    for piece in range(FIRST_PIECE, link.shape[0], PIECE_COLUMNS):
+        end = link[piece + PIECE_END]
+        if end <= start:
+            break
+        part, part_moment = _resistive_integrals(
+            w - start * turn, turn, end - start, link[piece + PIECE_HEIGHT], link[piece + PIECE_SLOPE]
+        )
+        force += part
+        moment += part_moment + start * part
+        start = end
+    return force, moment
+
+
+@kernel
 def evaluate(
     state: Array,
     drive: Array,
@@ -93,7 +113,7 @@ def evaluate(
     Args:
         state: Shape (6 + 2 N,). Angles and rates of driven joints are set to ``drive``'s.
         drive: Shape (N, 3), angle, rate and acceleration of the driven joints; other rows are not read.
-        links: Shape (N, ``LINK_COLUMNS``), `Chain.link_table`.
+        links: Shape (N, columns), `Chain.link_table`.
         body: Shape (8,), `Chain.body_vector`.
         free: Whether the body moves under its forces; otherwise its velocity stays as it is.
         distributed: Whether the convective force acts where it arises, or at the tip.
@@ -146,7 +166,7 @@ def evaluate(
         hy -= normal_first * cosine
         it += m2 + links[k, SOLID_2]
         # Forces normal to the link and along it: convective and resistive.
-        resist, resist_moment = _resistive_integrals(w, turn, length, links[k, ROOT_HEIGHT], links[k, HEIGHT_SLOPE])
+        resist, resist_moment = _resistive_wrench(w, turn, links[k])
         cn = links[k, RESISTIVE] * resist
         ct = -links[k, RESISTIVE] * resist_moment
         ce = 0.0

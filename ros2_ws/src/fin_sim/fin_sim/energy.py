@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from fin_sim.swim_result import Swim
 
-# Gauss-Legendre points along a link: the resistive loss d |w|^3 is a polynomial of degree 4 on either side of the
-# point where w changes its sign, and 12 points leave 1e-5 of it where there is such a point.
+# Gauss-Legendre points along a piece of a link: the resistive loss d |w|^3 is a polynomial of degree 4 on either side
+# of the point where w changes its sign, and 12 points leave 1e-5 of it where there is such a point.
 _GAUSS_POINTS = 12
 
 
@@ -88,10 +88,13 @@ def energy_budget(swim: Swim) -> EnergyBudget:
             + row[tables.STIFFNESS] * swim.joint_angles[:, index] ** 2
         )
         dampers += row[tables.DAMPING] * swim.joint_rates[:, index] ** 2
-        length = row[tables.LENGTH]
-        for node, weight in zip(0.5 * length * (nodes + 1.0), 0.5 * length * weights, strict=True):
-            height = row[tables.ROOT_HEIGHT] + row[tables.HEIGHT_SLOPE] * node
-            resistive -= weight * row[tables.RESISTIVE] * height * np.abs(normal - node * turn) ** 3
+        length, start = row[tables.LENGTH], 0.0
+        for end, front, slope in row[tables.FIRST_PIECE :].reshape(-1, tables.PIECE_COLUMNS):
+            size = max(end - start, 0.0)  # a row ends with pieces of no length
+            for node, weight in zip(0.5 * size * (nodes + 1.0), 0.5 * size * weights, strict=True):
+                loss = (front + slope * node) * np.abs(normal - (start + node) * turn) ** 3
+                resistive -= weight * row[tables.RESISTIVE] * loss
+            start = max(start, end)
         tip = normal - length * turn
         wake = 0.5 * row[tables.TIP_VIRTUAL] * tip**2 * along
         vx, vy = vx + length * turn * sine, vy - length * turn * cosine

@@ -39,7 +39,7 @@ from fin_sim.lane_equations import (
     respond,
     sine_cosine,
 )
-from fin_sim.tracing import Number, Real, Tape
+from fin_sim.tracing import Number, Real, Tape, absolute, maximum
 
 if TYPE_CHECKING:
     from collections import Counter
@@ -191,11 +191,14 @@ def _trace_step(form: Form, tape: Tape, slots: _Slots) -> None:
         distributed=form.distributed,
         precision=DOUBLE if form.precision == "double" else SINGLE,
     )
+    largest: Real = slots.read("largest_angle")
     for joint, (angle, rate), acceleration in zip(range(form.driven, form.links), known, response.hinges, strict=True):
         new_rate = rate + HINGE_REACH * step * acceleration
         new_angle = angle + HINGE_REACH * step * new_rate
+        largest = maximum(largest, absolute(new_angle))
         for name, value in (("angle", new_angle), ("rate", new_rate)):
             slots.push(f"{name}_{joint}", value, slots.history(f"{name}_{joint}", len(HINGE_HISTORY)))
+    slots.write("largest_angle", largest)
     if form.free:
         _move_body(form, slots, response, uniform)
     for name, value in (("thrust_sum", response.thrust), ("power_sum", response.power)):

@@ -28,6 +28,7 @@ IDEAL_SERVO = Servo()
 SAMPLE_TIME = 1e-2
 """Time between two samples in s, where the tail does not beat faster than 2.5 Hz."""
 _SAMPLES_A_BEAT = 40
+_STEPS_A_BEAT, _STEPS_A_RAMP = 400.0, 40.0
 SHORTEST, LONGEST = 1e-6, 1e5
 """Range of a swim's duration, s."""
 # Steps times links: what a swim holds in memory grows with it, to 2 GB.
@@ -40,6 +41,17 @@ def _default_sample_time(gait: Gait, duration: float) -> float:
     """Return `SAMPLE_TIME` or, where that is shorter, a fortieth of the fastest beat or the whole swim, s."""
     fastest = max(joint.frequency for joint in gait.joints)
     return min(SAMPLE_TIME, duration, 1.0 / (_SAMPLES_A_BEAT * fastest) if fastest > 0.0 else SAMPLE_TIME)
+
+
+def _longest_step(gait: Gait, ramp_time: float) -> float:
+    """Return the longest step in s for a fast beat or a short ramp; infinite where `STEP` resolves them."""
+    fastest = max(joint.frequency for joint in gait.joints)
+    if fastest == 0.0:
+        return math.inf
+    resolved = 1.0 / (_STEPS_A_BEAT * fastest)
+    if ramp_time > 0.0:
+        resolved = min(resolved, max(ramp_time / _STEPS_A_RAMP, 0.05 * resolved))
+    return resolved if resolved < STEP else math.inf
 
 
 def _refuse_too_many_steps(links: int, duration: float, step: float) -> None:
@@ -128,7 +140,8 @@ def swim(
         tow_speed: m/s, for ``towed``.
         servo: The servo of every driven joint; the ideal one where none is given.
         ramp_time: Time in which the gait starts, s.
-        step: Longest time step, s; shortened to divide the sample time, and where it proves too long for the fin.
+        step: Longest time step, s; shortened to divide the sample time, for a beat faster than 2.5 Hz or a ramp
+            shorter than 40 ms, and where it proves too long for the fin.
         sample_time: Time between two samples, s; where none is given `SAMPLE_TIME`, or a fortieth of a faster beat.
 
     Raises:
@@ -136,6 +149,7 @@ def swim(
         StepError: The state stopped being finite.
     """
     chain = build_chain(fish, fin or Fin(), reactive=reactive, clamp=clamp, tow_speed=tow_speed)
+    step = min(step, _longest_step(gait, ramp_time))
     for _ in range(_SHORTER_STEPS):
         try:
             return swim_chain(

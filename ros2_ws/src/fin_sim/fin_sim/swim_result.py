@@ -172,6 +172,12 @@ class Swim:
         return float(np.abs(self.joint_torques[self.time >= self.ramp_time][:, driven]).max())
 
     @cached_property
+    def largest_hinge_angle(self) -> float:
+        """Largest angle of any passive joint at any sample, rad; 0 where every joint is driven."""
+        bends = np.abs(self.joint_angles[:, ~np.array(self.chain.driven)])
+        return float(bends.max()) if bends.size else 0.0
+
+    @cached_property
     def efficiency(self) -> float:
         """Hydrodynamic (Froude) efficiency: mean thrust times forward speed over servo power, last whole beats.
 

@@ -24,6 +24,7 @@ _TEXT = {
     "absolute": "abs({})",
     "square_root": "math.sqrt({})",
     "floor": "math_floor({})",
+    "maximum": "{0} if {0} > {1} else {1}",
     "select": "{1} if {0} >= ZERO else {2}",
 }
 
@@ -84,6 +85,13 @@ def absolute(value: Real) -> Real:
 def floor(value: Real) -> Real:
     """Return the largest whole number that is not above ``value``."""
     return value.tape.record("floor", value) if isinstance(value, Number) else float(math.floor(value))
+
+
+def maximum(one: Real, other: Real) -> Real:
+    """Return the larger of two numbers."""
+    if isinstance(one, Number):
+        return one.tape.record("maximum", one, other)
+    return other.tape.record("maximum", one, other) if isinstance(other, Number) else max(one, other)
 
 
 def select(condition: Real, if_not_negative: Real, if_negative: Real) -> Real:

@@ -1,0 +1,196 @@
+"""No swim of the batch is wrong without saying so: random swims and nasty ones against a solver of another kind."""
+
+from __future__ import annotations
+
+import math
+import os
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+import scipy.integrate
+
+from fin_plant import validity
+from fin_plant.fin import Fin, ProfiledFin
+from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive
+from fin_sim import dynamics
+from fin_sim.batch import TOLERANCES, BatchSwim, Status, _floors, _proven, _task, fin_columns, swim_batch
+from fin_sim.chain import build_chain
+from fin_sim.swim import PAPER_FISH
+from fin_sim.swim import swim as swim_alone
+from support.random_swims import RandomSwim, random_swim
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+RELATIVE = 1e-7
+
+
+def in_batch(swim: RandomSwim) -> BatchSwim:
+    """Return the batch of one swim."""
+    return swim_batch(
+        [swim.fin],
+        gait=swim.gait,
+        duration=swim.duration,
+        ramp_time=swim.ramp_time,
+        settle=swim.settle,
+        clamp=swim.clamp,
+        reactive=swim.reactive,
+    )
+
+
+def true_figures(swim: RandomSwim) -> Array:
+    """Return the figures that `TOLERANCES` name, by a solver that chooses its own steps and orders (LSODA)."""
+    chain = build_chain(PAPER_FISH, swim.fin, reactive=swim.reactive, clamp=swim.clamp)
+    table, body, links = chain.link_table(), chain.body_vector(), len(chain.links)
+    size = dynamics.BODY_STATES + 2 * links
+    derivative, record, scratch = np.zeros(size), np.zeros(5 + links), np.zeros((links, 9))
+    drive = np.zeros((links, 3))
+    follower = GaitFollower(1, swim.ramp_time)
+    follower.command(swim.gait, 0.0)
+    form = (swim.clamp == "free", swim.reactive == "distributed")
+
+    def slope(time: float, state: Array) -> Array:
+        drive[0] = follower.motion(np.array([time]))[0, 0]
+        now = state[:size].copy()
+        dynamics.evaluate(now, drive, table, body, *form, derivative, record, scratch)
+        forward = record[2] * math.cos(now[2]) + record[3] * math.sin(now[2])
+        return np.concatenate((derivative, (now[dynamics.SURGE], forward, record[4])))
+
+    state, begun = np.zeros(size + 3), np.zeros(3)
+    stops = sorted({0.0, min(swim.ramp_time, swim.duration), swim.settle, swim.duration})
+    for start, stop in pairwise(stops):
+        if start == swim.settle:
+            begun = state[size:]
+        run = scipy.integrate.solve_ivp(
+            slope, (start, stop), state, method="LSODA", rtol=RELATIVE, atol=1e-2 * RELATIVE, first_step=1e-6
+        )
+        assert run.success, run.message
+        state = run.y[:, -1]
+    means = (state[size:] - begun) / (swim.duration - swim.settle)
+    return np.concatenate(([math.hypot(state[0], state[1]) / swim.duration], means))
+
+
+def error(swim: RandomSwim, swum: BatchSwim) -> float:
+    """Return the largest error of a swim of the batch over its tolerance."""
+    task = _task(
+        PAPER_FISH,
+        swim.gait,
+        swim.duration,
+        swim.reactive,
+        swim.clamp,
+        0.0,
+        swim.ramp_time,
+        swim.settle,
+        None,
+        "double",
+    )
+    true = true_figures(swim)
+    got = np.array([getattr(swum, name)[0] for name in TOLERANCES])
+    scale = np.array(list(TOLERANCES.values())) * np.maximum(np.abs(true), _floors(task, fin_columns([swim.fin]))[0])
+    off = np.abs(got - true)
+    return float(np.divide(off, scale, out=np.zeros_like(off), where=off > 0.0).max())
+
+
+def drawn(seed: int, count: int) -> list[RandomSwim]:
+    random = np.random.default_rng(seed)
+    return [random_swim(random) for _ in range(count)]
+
+
+def few_forms(swim: RandomSwim) -> bool:
+    """Return whether it needs no code but that of a few forms: a minute of compilation less."""
+    return swim.fin.segments == 3 and swim.reactive == "distributed" and swim.fin.height != swim.fin.tip_height
+
+
+@pytest.mark.parametrize("swim", [swim for swim in drawn(7, 600) if few_forms(swim)][:12])
+def test_random_swim_is_right_or_says_that_it_is_not(swim: RandomSwim) -> None:
+    swum = in_batch(swim)
+    if swum.status[0] == Status.OK:
+        assert error(swim, swum) < 1.0
+    else:
+        assert np.isnan(swum.mean_speed[0])
+        assert swum.reason(0)
+
+
+@pytest.mark.long
+def test_random_swims_are_right_or_say_that_they_are_not() -> None:
+    count = int(os.environ.get("RANDOM_SWIMS", "2000"))
+    given_up, wrong = 0, []
+    for index, swim in enumerate(drawn(11, count)):
+        swum = in_batch(swim)
+        if swum.status[0] == Status.OK:
+            off = error(swim, swum)
+            wrong += [(index, off, swim)] if off > 1.0 else []
+        elif swum.status[0] != Status.FOLDED:
+            given_up += 1
+    assert not wrong
+    assert given_up < 0.02 * count
+
+
+def drive(frequency: float, degrees: float) -> Gait:
+    return Gait((JointDrive(math.radians(degrees), frequency),))
+
+
+NASTY = {
+    "short ramp at a low frequency": RandomSwim(
+        Fin(tip_height=0.03), drive(0.2, 20.0), 12.0, 0.03, 0.0, "free", "distributed"
+    ),
+    "fast beat": RandomSwim(Fin(tip_height=0.03), drive(8.0, 40.0), 1.0, 0.1, 0.0, "free", "distributed"),
+    "soft fin": RandomSwim(
+        Fin(young_modulus=5e7, tip_height=0.02), drive(0.9, 15.0), 6.0, 0.5, 0.0, "free", "distributed"
+    ),
+    "no damping": RandomSwim(
+        Fin(damping_time=0.0, tip_height=0.02), drive(1.5, 30.0), 4.0, 0.5, 3.0, "fixed", "distributed"
+    ),
+    "window between two steps": RandomSwim(
+        Fin(tip_height=0.03), drive(0.9, 15.0), 10.0, 0.5, 9.987, "fixed", "distributed"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_nasty_swim_is_right(name: str) -> None:
+    swum = in_batch(NASTY[name])
+    assert swum.status[0] == Status.OK, swum.reason(0)
+    assert error(NASTY[name], swum) < 1.0
+
+
+@pytest.mark.parametrize("clamp", ["free", "fixed"])
+def test_proven_fins_are_right_without_a_second_swim(clamp: str) -> None:
+    fins = [Fin(young_modulus=e, tip_height=tip) for e, tip in ((3e8, 0.025), (1.2e9, 0.05), (4e9, 0.025))]
+    for fin in fins:
+        swim = RandomSwim(fin, PAPER_GAIT, 10.0, 0.5, 0.0, clamp, "distributed")  # type: ignore[arg-type]
+        task = _task(PAPER_FISH, PAPER_GAIT, 10.0, "distributed", clamp, 0.0, 0.5, 0.0, None, "double")
+        assert _proven(task, fin_columns([fin])).all()
+        assert error(swim, in_batch(swim)) < 1.0
+
+
+def test_a_fin_that_folds_has_its_angle_and_no_figures() -> None:
+    fin = Fin(young_modulus=1.23e7, length=0.079, height=0.011, tip_height=0.025, thickness=3.2e-4)
+    swum = in_batch(RandomSwim(fin, drive(5.5, 36.0), 10.0, 0.5, 0.0, "free", "distributed"))
+    assert swum.status[0] == Status.FOLDED
+    assert swum.largest_hinge_angle[0] > validity.FOLDED_ANGLE
+    assert np.isnan([swum.mean_speed[0], swum.thrust[0], swum.servo_power[0]]).all()
+    assert "degrees" in swum.reason(0)
+
+
+def test_fins_with_a_profile_swim_in_a_batch_as_they_do_alone() -> None:
+    profile = {"profile_position": (0.3, 0.6), "profile_height": (0.01, 0.04)}
+    fins = [ProfiledFin(**profile, young_modulus=1e9), Fin(young_modulus=1e9)]  # type: ignore[arg-type]
+    swum = swim_batch(fins, duration=3.0)
+    assert swum.mean_speed == pytest.approx([swim_alone(fin, duration=3.0).mean_speed for fin in fins], rel=1e-3)
+    columns = swim_batch({"young_modulus": [1e9, 2e9], **profile}, duration=3.0)
+    assert columns.mean_speed[0] == swum.mean_speed[0]
+    refused = swim_batch({"profile_position": (0.6, 0.3), "profile_height": (0.01, 0.04)}, duration=1.0)
+    assert refused.status[0] == Status.REFUSED
+    assert "must rise" in refused.reason(0)
+
+
+def test_a_large_bend_and_a_short_fin_are_said_of_a_swim_of_the_batch() -> None:
+    swum = swim_batch({"length": [0.08, 0.04]}, duration=1.0)
+    assert swum.warnings(0) == []
+    assert "strip theory" in swum.warnings(1)[0]
+    assert 0.0 < swum.largest_hinge_angle[0] < validity.BENT_ANGLE
