@@ -158,10 +158,11 @@ def cost_of_transport(bag: Bag) -> float | None:
 
 
 def _scored(bag: Bag, measured: Mapping[str, str], *, with_cost: bool) -> tuple[Score, float | None]:
+    start, velocity = swimming_since(bag), bag.velocity()
     measurement = Measurement.from_metadata({**measured, **bag.metadata})
-    window = measurement.window(swimming_since(bag))
+    window = measurement.window(start)
     joints = bag.typed("joint_states", _JOINT_STATE_TYPE) if with_cost else None
-    return scored_swim(bag.velocity(), joints, window, measurement)
+    return scored_swim(velocity, joints, window, measurement)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
