@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import random
 import shutil
 from pathlib import Path
 
@@ -12,6 +14,7 @@ from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 from fin_optimizer import repair_bags
 from fin_optimizer.bag import BagError
 from fin_optimizer.bag_reader import read_bag
+from fin_optimizer.score import Measurement, ScoreError
 from fin_optimizer.score_bag import main, score_bag
 from support.bags import SECOND, START, STATE, VELOCITY, state, velocity, write_swim
 from support.foreign_bags import RECORDED_QOS, WRITERS, one_by_one, plain_mcap, split
@@ -82,6 +85,12 @@ def make_incomplete(path: Path, swim: Path) -> Path:
     return path / "parts"
 
 
+def make_cut_inside(path: Path, swim: Path) -> Path:
+    split(swim, path, 3)
+    (path / f"{path.name}_1.mcap").write_bytes((path / f"{path.name}_1.mcap").read_bytes()[:-300])
+    return path
+
+
 def make_json(path: Path, _: Path) -> Path:
     return plain_mcap(path / "web.mcap", {"/fish/velocity": "json"}, [], encoding="json").parent
 
@@ -108,6 +117,7 @@ BAD = {
     "it is neither MCAP nor SQLite": make_text,
     "is a bag of ROS 1: convert it": make_ros1,
     "metadata.yaml names parts_1.mcap, which is missing": make_incomplete,
+    "is cut off, and the recording goes on in bad_2.mcap": make_cut_inside,
     "topic /fish/velocity is serialised as 'json', needed is 'cdr'": make_json,
     "is no geometry_msgs/msg/TwistStamped": make_other_bytes,
     "is std_msgs/msg/String, needed is diagnostic_msgs/msg/DiagnosticStatus": make_other_type,
@@ -198,6 +208,25 @@ def test_a_topic_with_two_types_is_left_out_and_named(tmp_path: Path) -> None:
     assert bag.topics == {VELOCITY.name: VELOCITY.type_name}
     assert bag.left_out == {"/a": "has two message types, std_msgs/msg/String and std_msgs/msg/Bool"}
     assert list(bag.messages("velocity")) == velocities
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_damaged_bytes_of_any_writer_are_refused_or_do_not_matter_and_never_end_in_a_traceback(
+    tmp_path: Path, writer: str
+) -> None:
+    path = WRITERS[writer](write_swim(tmp_path / "own", 0.5), tmp_path / "other")
+    dice = random.Random(writer)  # noqa: S311
+    for file in path.iterdir():
+        whole = file.read_bytes()
+        for _ in range(20):
+            damaged = bytearray(whole[: dice.randrange(len(whole))] if dice.random() < 0.25 else whole)
+            if damaged:
+                damaged[dice.randrange(len(damaged))] ^= 1 << dice.randrange(8)
+            file.write_bytes(damaged)
+            with contextlib.suppress(BagError, ScoreError):
+                score_bag(path, Measurement(duration=0.5).metadata())
+            repair_bags.repair_bag(path)
+        file.write_bytes(whole)
 
 
 @pytest.mark.parametrize("writer", WRITERS)

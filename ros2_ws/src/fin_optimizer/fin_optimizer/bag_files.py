@@ -212,7 +212,7 @@ def _database(file: Path) -> Iterator[sqlite3.Connection]:
         try:
             with closing(sqlite3.connect(address, uri=True)) as connection:
                 yield connection
-        except sqlite3.Error as error:
+        except (sqlite3.Error, UnicodeDecodeError, OverflowError) as error:
             msg = f"bag {file} is damaged, or no bag: {error}"
             raise BagError(msg) from error
 

@@ -38,8 +38,17 @@ if TYPE_CHECKING:
     from mcap.records import McapRecord
     from numpy.typing import NDArray
 
-_DAMAGE = (McapError, CRCValidationError, ZstdError, struct.error, UnicodeDecodeError)
-"""What reading damaged bytes raises."""
+_DAMAGE = (
+    McapError,
+    CRCValidationError,
+    ZstdError,
+    RuntimeError,  # of lz4
+    struct.error,
+    UnicodeDecodeError,
+    OverflowError,
+    MemoryError,
+)
+"""What reading damaged bytes raises: lengths that are none, and texts and blocks that are not what they were."""
 MAGIC_SIZE = 8
 _LONGEST_HEADER = 1024  # bytes from the file's beginning; ROS 2 and the optimiser write some sixty
 _RECORD_HEAD = struct.Struct("<BQ")  # an MCAP record's opcode and length
@@ -191,6 +200,10 @@ def read_bag(path: Path) -> Bag:
     """
     files = bag_files(path)
     contents = [_contents(file) for file in files]
+    for file, content in zip(files[:-1], contents[:-1], strict=True):
+        if not content.complete:
+            msg = f"bag {file} is cut off, and the recording goes on in {files[-1].name}: what was between is missing"
+            raise BagError(msg)
     topics: dict[str, str] = {}
     left_out: dict[str, str] = {}
     qos: dict[str, str] = {}
