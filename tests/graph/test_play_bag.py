@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer.bag import BagWriter, header_stamp
 from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.play_bag import Player, parser
+from fin_optimizer.play_bag import Display, Player, parser
 from fin_optimizer.recorder import Recorder
 from fin_optimizer.score import Measurement, score
 from fin_optimizer.score_bag import score_bag, swimming_since
@@ -125,6 +127,7 @@ def test_a_listener_that_was_there_before_hears_every_message_and_the_same_score
     again, bag = score_bag(tmp_path / "again")
     assert again == live
     assert {name: bag.counts[name] for name in recorded.counts} == {**recorded.counts, "/fish/gait": 0}
+    assert f"played {sum(recorded.counts.values()) - 1} messages, 1.0 s\n" in player.output()
 
 
 def test_a_topic_that_somebody_publishes_already_is_played_only_elsewhere_or_by_name(
@@ -246,6 +249,32 @@ def test_what_a_listener_cannot_understand_is_not_played_and_the_rest_is(
     assert "left out: /camera: its type mocap4r2_msgs/msg/Markers is not installed here" in player.output()
     assert "left out: /fish/pose: a message of 11 bytes is no geometry_msgs/msg/PoseStamped" in player.output()
     assert "left out: /fish/gait, /rosout; --topics plays what it names" in player.output()
+
+
+class Terminal(io.StringIO):
+    """A screen that keeps what was written to it."""
+
+    def isatty(self) -> bool:
+        """Say that a person looks at it."""
+        return True
+
+
+@pytest.mark.parametrize(("quiet", "shown"), [(False, "playing, round 2 5.0 of 10.0 s"), (True, "")])
+def test_a_terminal_shows_how_far_the_playing_is_unless_it_is_to_be_quiet(
+    monkeypatch: pytest.MonkeyPatch, quiet: bool, shown: str
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "120")
+    screen = Terminal()
+    monkeypatch.setattr("sys.stdout", screen)
+    display = Display(10.0, quiet=quiet)
+    display.say("playing a bag")
+    display.show(1.0, 5.0, 1, paused=False)
+    display.end("played 7 messages")
+    text = re.sub("\x1b\\[[0-9;?]*[A-Za-z]|[^ -~]", "", screen.getvalue())
+    assert shown in re.sub(" +", " ", text)
+    assert ("played 7 messages" in text) != quiet
+    assert (text == "") == quiet
 
 
 def test_a_bag_with_nothing_to_play_is_refused(start: Start, tmp_path: Path) -> None:

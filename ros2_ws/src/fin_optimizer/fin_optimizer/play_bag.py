@@ -334,9 +334,11 @@ class Display:
     @staticmethod
     def _bar_of(length: float) -> tuple[Progress, TaskID]:
         # A tenth of a second, which only a terminal spends.
+        from rich.console import Console  # noqa: PLC0415
         from rich.progress import BarColumn, Progress, TextColumn  # noqa: PLC0415
 
-        bar = Progress(TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[time]}"), transient=True)
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[time]}"))
+        bar = Progress(*columns, console=Console(), transient=True)
         task = bar.add_task("", total=max(length, 1e-9), time="")
         bar.start()
         return bar, task
