@@ -17,10 +17,11 @@ from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.journal import StudyError
 from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.score import Measurement, MissingMeasurementError, Score, ScoreError, Window, mean_power, score
+from fin_plant import validity
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -98,6 +99,27 @@ def tail_angle(message: bytes) -> float:
     return max((abs(float(angle)) for name, angle in pairs if name.startswith(_DRIVEN)), default=0.0)
 
 
+def refuse_folded(messages: Iterable[bytes]) -> None:
+    """Refuse a swim whose JointStates tell of a fin that folded; a robot's tell of no hinge.
+
+    Raises:
+        ScoreError: A hinge bent further than a fin can.
+    """
+    bends = (validity.largest_hinge_angle(joints.name, joints.position) for joints in _decoded_joints(messages))
+    reason = validity.folded(max(bends, default=0.0))
+    if reason:
+        raise ScoreError(reason)
+
+
+def _decoded_joints(messages: Iterable[bytes]) -> Iterator[Any]:
+    """Decode JointStates as long as they tell of hinges."""
+    for data in messages:
+        joints = decode(data, _JOINT_STATE_TYPE)
+        if not any(name.startswith(validity.HINGE) for name in joints.name):
+            return
+        yield joints
+
+
 def _power(joints: Any) -> float:
     driven = [index for index, name in enumerate(joints.name) if name.startswith(_DRIVEN)]
     if not driven or len(joints.effort) != len(joints.name) or len(joints.velocity) != len(joints.name):
@@ -161,8 +183,10 @@ def _scored(bag: Bag, measured: Mapping[str, str], *, with_cost: bool) -> tuple[
     start, velocity = swimming_since(bag), bag.velocity()
     measurement = Measurement.from_metadata({**measured, **bag.metadata})
     window = measurement.window(start)
-    joints = bag.typed("joint_states", _JOINT_STATE_TYPE) if with_cost else None
-    return scored_swim(velocity, joints, window, measurement)
+    told = any(topic.endswith("/joint_states") and kind == _JOINT_STATE_TYPE for topic, kind in bag.topics.items())
+    joints = bag.typed("joint_states", _JOINT_STATE_TYPE) if with_cost or told else None
+    refuse_folded(joints or ())
+    return scored_swim(velocity, joints if with_cost else None, window, measurement)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -21,6 +21,8 @@ sheet no more, and the flow over a link is disturbed by the one ahead of it.
 """
 FOLDED_ANGLE = math.pi
 """Hinge angle in rad above which a swim is refused: the link would have passed through the one ahead of it."""
+HINGE = "fin_hinge_"
+"""How the names of the fin's passive joints begin in JointStates."""
 LEAST_SLENDERNESS = 3.0
 """Length of a fin over its largest height below which strip theory is doubtful.
 
@@ -28,6 +30,20 @@ The water's mass pi/4 rho d^2 a length is that of a body whose height changes li
 *Journal of Fluid Mechanics* 9, 1960). The largest height counts, not the mean: it is the extent of the flow around a
 section, and the force of a flaring fin arises where it is highest.
 """
+
+
+class FoldedError(ArithmeticError):
+    """A swim in which the fin folded: it has no result."""
+
+
+def refuse_folded(angle: float) -> None:
+    """Refuse a swim whose largest hinge angle was ``angle`` rad.
+
+    Raises:
+        FoldedError: It is above `FOLDED_ANGLE`.
+    """
+    if folded(angle):
+        raise FoldedError(folded(angle))
 
 
 def folded(angle: float) -> str:
@@ -73,5 +89,5 @@ def warnings(fin: Fin, largest_angle: float) -> list[str]:
 
 def largest_hinge_angle(names: Iterable[str], positions: Iterable[float]) -> float:
     """Return the largest angle in rad, either way, of the joints named ``fin_hinge_...``; 0 where there is none."""
-    bends = (abs(angle) for name, angle in zip(names, positions, strict=False) if name.startswith("fin_hinge_"))
+    bends = (abs(angle) for name, angle in zip(names, positions, strict=False) if name.startswith(HINGE))
     return max(bends, default=0.0)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 import scipy.linalg
 
-from fin_plant import checks
+from fin_plant import checks, validity
 from fin_plant.fin import Fin, ProfiledFin
 from fin_plant.gait import MAXIMUM_JOINTS
 from fin_sim.fish import Body, Fish, Link, Water
@@ -130,6 +130,14 @@ class Chain:
             -0.5 * self.water.density * self.water.normal_drag,
             *_pieces(link),
         ]
+
+    def warnings(self) -> list[str]:
+        """Return what is doubtful about the fin's proportions; the fin begins at the last driven joint."""
+        root = sum(self.driven) - 1
+        fin = self.links[root:]
+        heights = [height for link in fin for _, height in link.stations]
+        text = validity.short_tail(sum(link.length for link in fin), max(heights))
+        return [text] if text else []
 
     def body_vector(self) -> NDArray[np.float64]:
         """Return the kernel's body constants, shape (8,), in the order that `dynamics` unpacks."""

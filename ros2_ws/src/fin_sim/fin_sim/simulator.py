@@ -14,7 +14,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
 from std_srvs.srv import Trigger
 
-from fin_plant import node_process, topics
+from fin_plant import node_process, topics, validity
 from fin_plant.fin import PLANT_PARAMETERS, Fin
 from fin_plant.gait import Gait, GaitFollower
 from fin_plant.messages import (
@@ -130,7 +130,7 @@ class Simulator:
         )
         self._clock = node.create_publisher(topics.CLOCK.type, topics.CLOCK.name, topics.CLOCK.qos)
         self._last_clock = self._last_markers = -math.inf
-        self._swum = 0.0
+        self._swum = self._largest_hinge_angle = 0.0
         self._rejected = 0
         self._rejection = ""
         self._last_gait = -math.inf
@@ -148,6 +148,7 @@ class Simulator:
         self._stepper, self._refinements = self._build(self._values), 0
         self._neutral()
         self._samples = 0
+        self._largest_hinge_angle = 0.0
         self._at_rest = True
 
     @property
@@ -265,6 +266,15 @@ class Simulator:
             self._set_state(State.FAULT, f"{error}; call reset")
             self.node.get_logger().error(self._reason)
             return
+        bent = np.abs(states[1:, self._hinges])
+        largest = float(bent.max()) if bent.size else 0.0
+        if validity.folded(largest):
+            self._rest()
+            self._set_state(State.FAULT, f"{validity.folded(largest)}; call reset")
+            self._largest_hinge_angle = largest
+            self.node.get_logger().error(self._reason)
+            return
+        self._largest_hinge_angle = max(self._largest_hinge_angle, largest)
         self._samples += 0 if self._at_rest else samples
         self._stamp = int(stamps[-1])
         self._publish(stamps, states[1:], records[1:])
@@ -288,6 +298,12 @@ class Simulator:
             every = 4 * self._stepper.every
             self._stepper = dynamics.Stepper(self._stepper.chain, self._sample_time / every, every)
             self.node.get_logger().info(f"step shortened to {self._stepper.step:g} s: this fin needs it")
+
+    @property
+    def _hinges(self) -> slice:
+        """Where the angles of the passive joints stand in the state."""
+        driven = self._stepper.chain.driven
+        return slice(dynamics.BODY_STATES + sum(driven), dynamics.BODY_STATES + len(driven))
 
     def _publish_start(self) -> None:
         """Publish the sample with which the swim begins, stamped as its state: the first of what is measured."""
@@ -358,7 +374,10 @@ class Simulator:
     def _publish_diagnostics(self) -> None:
         swum, self._swum = self._swum, 0.0
         fault = self._state is State.FAULT
-        level = DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if self._stuck else DiagnosticStatus.OK
+        doubts = [validity.bent(self._largest_hinge_angle), *self._stepper.chain.warnings()]
+        warnings = "; ".join(text for text in doubts if text)
+        warned = self._stuck or warnings
+        level = DiagnosticStatus.ERROR if fault else DiagnosticStatus.WARN if warned else DiagnosticStatus.OK
         status = DiagnosticStatus(
             level=level,
             name=f"{self.node.get_fully_qualified_name()}: plant",
@@ -371,6 +390,8 @@ class Simulator:
                     "gaits_refused": self._rejected,
                     "last_refusal": self._rejection,
                     "held_back_by_a_listener": self._stuck,
+                    "largest_hinge_angle": round(self._largest_hinge_angle, 4),
+                    "warnings": warnings,
                 }
             ),
         )

@@ -10,6 +10,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 
 from fin_plant import topics
+from fin_plant.validity import HINGE
 from fin_sim import dynamics
 from fin_sim.message_template import MessageTemplate
 
@@ -29,7 +30,7 @@ class StreamMessages:
     def __init__(self, chain: Chain) -> None:
         """Learn the layout; the joints have the names of this chain's tail and hinges."""
         tail = [f"tail_joint_{number + 1}" for number in range(sum(chain.driven))]
-        names = tail + [f"fin_hinge_{number + 1}" for number in range(len(chain.links) - len(tail))]
+        names = tail + [f"{HINGE}{number + 1}" for number in range(len(chain.links) - len(tail))]
         self._templates = (
             MessageTemplate(partial(_joint_state, names), 3 * len(names)),
             MessageTemplate(_pose, 4),

@@ -269,6 +269,7 @@ FIGURES = (
     Figure("strouhal_number", "", "Strouhal", ""),
     Figure("cost_of_transport", "J/(kg m)", "transport cost", "J/(kg m)"),
     Figure("tip_amplitude", "m", "tip amplitude", "cm", 100.0),
+    Figure("largest_hinge_angle", "rad", "hinge angle", "degrees", 180.0 / math.pi),
     Figure("turning_rate", "rad/s", "turning rate", "rad/s"),
     Figure("turning_radius", "m", "turning radius", "m"),
 )

@@ -20,7 +20,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from fin_plant import checks
+from fin_plant import checks, validity
 from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.fin import PLANT_PARAMETERS, SHAPES
 from fin_plant.parameters import ParameterTable
@@ -310,7 +310,14 @@ def _print_swim(swim: Swim) -> None:
 def _one(
     swim: Swim, options: argparse.Namespace, body_axes: tuple[float, float], title: str, case_row: int | None = None
 ) -> None:
-    """Put out what was asked of one swim; ``case_row``: the samples from one row of a case's file to the next."""
+    """Put out what was asked of one swim; ``case_row``: the samples from one row of a case's file to the next.
+
+    Raises:
+        FoldedError: The fin folded.
+    """
+    validity.refuse_folded(swim.largest_hinge_angle)
+    for warning in swim.warnings:
+        print(f"swim: warning: {warning}", file=sys.stderr)  # noqa: T201
     if options.csv:
         _trajectory(swim, options.csv, case_row or 1, units=case_row is None)
     if options.plot:
@@ -367,6 +374,7 @@ def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> int
     plans = sweep_plans(plan, axes)
     rows: list[dict[str, float | None]] = []
     failures: list[str] = []
+    doubts: dict[str, None] = {}
     code = 0
     watched = track(
         plans,
@@ -380,8 +388,10 @@ def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> int
             row: dict[str, float | None] = {axis.name: number for axis, number in zip(axes, numbers, strict=True)}
             try:
                 swim = each.swim()
+                validity.refuse_folded(swim.largest_hinge_angle)
+                doubts |= dict.fromkeys(swim.warnings)
                 row |= {figure.name: figure.of(swim) for figure in FIGURES}
-            except StepError as error:
+            except (StepError, validity.FoldedError) as error:
                 row |= {figure.name: None for figure in FIGURES}
                 code = _SWIM_FAILED
                 failures.append(f"{', '.join(f'{axis.name} = {row[axis.name]:g}' for axis in axes)}: {error}")
@@ -389,6 +399,8 @@ def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> int
     except KeyboardInterrupt:
         code = _INTERRUPTED
         failures.append(f"stopped after {len(rows)} of {len(plans)} swims")
+    for doubt in doubts:
+        print(f"swim: warning: {doubt}", file=sys.stderr)  # noqa: T201
     for failure in failures:
         print(f"swim: error: {failure}", file=sys.stderr)  # noqa: T201
     if rows:
@@ -452,7 +464,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return 0, 2 for bad input, 1 for a swim that diverged, 130 for Ctrl-C."""
+    """Run the command; return 0, 2 for bad input, 1 for a swim that diverged or folded, 130 for Ctrl-C."""
     options = _parser().parse_args(arguments)
     try:
         return _run(options)
@@ -464,7 +476,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
         return _BAD_INPUT
-    except StepError as error:
+    except (StepError, validity.FoldedError) as error:
         print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
         return _SWIM_FAILED
 

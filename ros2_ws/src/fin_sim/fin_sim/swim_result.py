@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
+from fin_plant import validity
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -176,6 +178,11 @@ class Swim:
         """Largest angle of any passive joint at any sample, rad; 0 where every joint is driven."""
         bends = np.abs(self.joint_angles[:, ~np.array(self.chain.driven)])
         return float(bends.max()) if bends.size else 0.0
+
+    @property
+    def warnings(self) -> list[str]:
+        """What is doubtful in the swim; see `validity`."""
+        return [text for text in (validity.bent(self.largest_hinge_angle), *self.chain.warnings()) if text]
 
     @cached_property
     def efficiency(self) -> float:
