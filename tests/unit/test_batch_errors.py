@@ -49,7 +49,7 @@ def true_figures(swim: RandomSwim) -> Array:
     size = dynamics.BODY_STATES + 2 * links
     derivative, record, scratch = np.zeros(size), np.zeros(5 + links), np.zeros((links, 9))
     drive = np.zeros((links, 3))
-    follower = GaitFollower(1, swim.ramp_time)
+    follower = GaitFollower(1, swim.ramp_time, as_asked=True)
     follower.command(swim.gait, 0.0)
     form = (swim.clamp == "free", swim.reactive == "distributed")
 
