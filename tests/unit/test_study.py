@@ -13,7 +13,8 @@ import optuna
 import pytest
 from optuna.visualization import matplotlib as plots
 
-from fin_optimizer.journal import StudyError
+from fin_optimizer.checked_journal import CheckedJournal
+from fin_optimizer.journal import END_FILE, StudyError
 from fin_optimizer.search import Dimension, HillClimber, Space
 from fin_optimizer.study import (
     JOURNAL_FILE,
@@ -268,7 +269,7 @@ def test_an_interruption_stays_one_where_the_disk_refuses_half_of_it(
     settings = Settings(SPACE, Policy(attempts=1))
     study = Study.create(folder, settings)
     study.start(study.propose(*following(study)).number)
-    backend = optuna.storages.journal.JournalFileBackend
+    backend = CheckedJournal
     written, append = iter(range(room)), backend.append_logs
 
     def append_while_there_is_room(self: Any, logs: Any) -> None:
@@ -431,11 +432,12 @@ def test_the_journal_may_be_cut_at_any_byte_of_its_last_entry(folder: Path) -> N
     swim(study)
     study.close()
     journal = folder / JOURNAL_FILE
-    whole = journal.read_bytes()
+    whole, end = journal.read_bytes(), (folder / END_FILE).read_bytes()
     last = whole[:-1].rfind(b"\n") + 1
     assert json.loads(whole[last:])["state"] == optuna.trial.TrialState.COMPLETE
     for length in range(last, len(whole)):
         journal.write_bytes(whole[:length])
+        (folder / END_FILE).write_bytes(end)
         again = Study.open(folder, SETTINGS)
         assert [trial.outcome for trial in again.trials] == [Outcome.OK, Outcome.FAILED]
         assert again.trials[1].interrupted

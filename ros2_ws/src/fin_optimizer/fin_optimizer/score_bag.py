@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
 _JOURNAL_FILE = "journal.log"  # as fin_optimizer.study names it, which needs Optuna
+_SETTINGS_FILE = "study.json"  # likewise
 _OBJECTIVE_KEY, _OBJECTIVE_WITH_COST = "study.objective", "speed_and_cost_of_transport"  # likewise
 _SPEED, _SPREAD, _COST = "speed (m/s)", "spread (m/s)", "cost of transport (J/m)"
 _FIN = "fin."
@@ -214,10 +215,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     heads: list[str] = []
     for given in words.paths:
         try:
-            wanted = _wanted(given)
+            wanted, refused = _wanted(given)
         except BagError as error:
             failed = _tell(f"{error}")
             continue
+        if refused:
+            failed = _tell(refused)
         for path, trial in wanted:
             try:
                 numbers = _numbers(path, trial, measured)
@@ -253,14 +256,17 @@ def _tell(error: str) -> bool:
     return True
 
 
-def _wanted(path: Path) -> list[tuple[Path, TrialRecord | None]]:
-    """Return the bags to score, those of a study with their trials; tell those that need no score.
+def _wanted(path: Path) -> tuple[list[tuple[Path, TrialRecord | None]], str]:
+    """Return the bags to score, those of a study with their trials, and why its journal is none, or an empty text.
+
+    Those that need no score are told.
 
     Raises:
         BagError: There is none.
     """
     bags = list(bags_in(path)) if path.is_dir() else [path]
-    trials = _trials(path)  # after the bags: of each bag of a study that is under way the journal has the trial
+    # After the bags: of each bag of a study that is under way the journal has the trial.
+    trials, refused = _trials(path)
     scored = [bag for bag, trial in trials.items() if trial.score is not None]
     wanted = []
     for bag in sorted({*bags, *scored}):
@@ -270,21 +276,20 @@ def _wanted(path: Path) -> list[tuple[Path, TrialRecord | None]]:
         else:
             because = f" ({trial.reason})" if trial.reason else ""
             sys.stderr.write(f"note: {bag}: trial {trial.number} is {trial.outcome.value}{because}\n")
-    return wanted
+    return wanted, refused
 
 
-def _trials(path: Path) -> dict[Path, TrialRecord]:
-    """Return the trials of a study by their bags; nothing if the path is no study."""
-    if not (path / _JOURNAL_FILE).exists():
-        return {}
+def _trials(path: Path) -> tuple[dict[Path, TrialRecord], str]:
+    """Return the trials of a study by their bags, and why its journal cannot be read; nothing if it is no study."""
+    if not (path / _JOURNAL_FILE).exists() and not (path / _SETTINGS_FILE).exists():
+        return {}, ""
     # Optuna takes a third of a second, which only a study's scores spend.
     from fin_optimizer.study import read_trials  # noqa: PLC0415
 
     try:
-        return {path / trial.bag: trial for trial in read_trials(path)}
+        return {path / trial.bag: trial for trial in read_trials(path)}, ""
     except (StudyError, OSError) as error:
-        sys.stderr.write(f"note: {error}: every bag of {path} is scored\n")
-        return {}
+        return {}, f"{error}: every bag of {path} is scored"
 
 
 def _numbers(path: Path, trial: TrialRecord | None, measured: Mapping[str, str]) -> dict[str, float]:

@@ -9,7 +9,9 @@ it ends. Outcomes are Optuna's states:
 The order of the entries is the order of events, so what was known when a candidate was proposed can be told from the
 journal, also where several fish swim at once.
 
-A study's folder holds ``study.json`` (settings, written once), ``journal.log``, ``bags/`` and the report's files.
+A study's folder holds ``study.json`` (settings, written once), ``journal.log`` with ``journal.end``, ``bags/`` and the
+report's files. Settings and journal carry check sums, see `fin_optimizer.journal`; a ledger that something else changed
+is refused, and nothing on the disk is changed by that.
 """
 
 from __future__ import annotations
@@ -18,8 +20,11 @@ import contextlib
 import errno
 import fcntl
 import json
+import math
 import os
+import re
 import statistics
+import sys
 import uuid
 import warnings
 from dataclasses import asdict, dataclass, field
@@ -28,19 +33,28 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import optuna
-from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 
-from fin_optimizer.journal import StudyError, check_lines, remove_stale_lock, take_off_cut_line, whole_entries
+from fin_optimizer.checked_journal import WRONG_CONTENT, storage_of
+from fin_optimizer.checksums import CHECK_SUM, check_sum
+from fin_optimizer.journal import (
+    STUDY_NAME,
+    JournalLines,
+    StudyError,
+    remove_stale_lock,
+    take_off_cut_line,
+    whole_entries,
+)
 from fin_optimizer.report import show_values
 from fin_optimizer.search import Dimension, Evaluation, Space, Values, pareto_front
 from fin_optimizer.trial import Outcome
 from fin_plant import checks
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from datetime import datetime
     from pathlib import Path
+
+    from optuna.storages import JournalStorage
 
     from fin_optimizer.search import Search
     from fin_optimizer.trial import Result
@@ -52,10 +66,14 @@ BAG_FOLDER = "bags"
 _PARTIAL = ".partial"
 _NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS}
 """What os.link says on vfat and exFAT, on CIFS, and in user space."""
-_STUDY_NAME = "study"
 _FISH = "fish"
 """Of the study in Optuna's ledger: what swims."""
+_BAG_NAME = re.compile(r"trial_(\d+)_")
 _KILLED = "interrupted: the optimiser's process ended before the trial did"
+
+_CONTENT = ("format", "space", "policy", "objective", "details")
+"""Entries of the settings file, beside those that tell this study from others and that it was not changed."""
+_SETTINGS_SUM = re.compile(rf',\n  "{CHECK_SUM}": "([0-9a-f]+)"\n}}\n\Z')
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
@@ -250,31 +268,34 @@ class Settings:
         return _differences(self.flat(), other.flat())
 
     def to_json(self) -> str:
-        """Return the text of ``study.json``."""
+        """Return the text of ``study.json``, which is another one for each study."""
         content = {
             "format": FORMAT,
             "space": [asdict(dimension) for dimension in self.space.dimensions],
             "policy": asdict(self.policy),
             "objective": self.objective,
             "details": dict(self.details),
+            "id": uuid.uuid4().hex,
         }
-        return json.dumps(content, indent=2, allow_nan=False) + "\n"
+        body = json.dumps(content, indent=2, allow_nan=False).removesuffix("\n}")
+        return f'{body},\n  "{CHECK_SUM}": "{check_sum(body.encode())}"\n}}\n'
 
     @classmethod
     def from_json(cls, text: str) -> Settings:
         """Read the text of ``study.json``.
 
         Raises:
-            StudyError: It was written by a newer version, or is not a study's.
+            StudyError: It was written by a newer version, is not a study's, or was changed since.
         """
         try:
             content = json.loads(text)
             _check_format(content["format"])
+            _check_unchanged(text, content)
             space = Space(tuple(Dimension(**dimension) for dimension in content["space"]))
             return cls(space, Policy(**content["policy"]), content["details"], Objective(content["objective"]))
         except StudyError:
             raise
-        except (KeyError, TypeError, ValueError) as error:
+        except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
             msg = f"it is no study's settings ({type(error).__name__}: {error}); restore it or begin another folder"
             raise StudyError(msg) from error
 
@@ -294,6 +315,20 @@ def _check_format(version: int) -> None:
         raise StudyError(msg)
 
 
+def _check_unchanged(text: str, content: Mapping[str, object]) -> None:
+    """Compare the settings file with its check sum, which one of an older version does not have.
+
+    Raises:
+        StudyError: It was changed after it was written.
+    """
+    found = _SETTINGS_SUM.search(text)
+    if found is not None and found[1] == check_sum(text[: found.start()].encode()):
+        return
+    if found is not None or content.keys() != set(_CONTENT):
+        msg = "it was changed after it was written, its check sum does not fit: restore it from a copy"
+        raise StudyError(msg)
+
+
 class Study:
     """A study that is being worked on by this process alone; a context manager that lets go of it.
 
@@ -304,17 +339,23 @@ class Study:
         history: What a search is told, one entry a candidate; one without a score may still be swimming.
     """
 
-    def __init__(self, folder: Path, settings: Settings, lock: TextIO, notes: list[str]) -> None:
+    def __init__(self, folder: Path, settings: Settings, lock: TextIO) -> None:
         """Use `create` or `open`."""
         self.folder = folder
         self.settings = settings
-        self.notes = notes
         self.history: list[Evaluation] = []
         self._lock = lock
         self._journal = folder / JOURNAL_FILE
+        self._storage, frozen, lines = _ledger(folder, settings)
+        self.notes = lines.notes
+        # Until here nothing on the disk was changed.
+        if self._journal.exists():
+            remove_stale_lock(self._journal)
+            if length := take_off_cut_line(self._journal):
+                self.notes.append(f"the journal's last entry was cut short ({length} bytes) and was taken off")
         with whole_entries(self._journal):
             (folder / BAG_FOLDER).mkdir(exist_ok=True)
-            self._storage, self._study_id = _ledger(self._journal, settings.objective)
+            self._study_id = _begun(self._storage, settings.objective)
         self._distributions: dict[str, optuna.distributions.BaseDistribution] = {
             d.name: optuna.distributions.FloatDistribution(d.minimum, d.maximum) for d in settings.space.dimensions
         }
@@ -323,7 +364,7 @@ class Study:
         self._candidates: list[Candidate] = []
         self._open: set[int] = set()
         self._best: Candidate | None = None
-        for trial in self._storage.get_all_trials(self._study_id, deepcopy=False):
+        for trial in frozen:
             self._ids.append(trial._trial_id)  # noqa: SLF001  (Optuna's own key; it has no public name)
             self._note(_record(trial))
 
@@ -345,7 +386,7 @@ class Study:
             raise StudyError(msg)
         with contextlib.ExitStack() as unless_all_is_well:
             lock = unless_all_is_well.enter_context(_written_settings(folder, settings))
-            study = cls(folder, settings, lock, [])
+            study = cls(folder, settings, lock)
             _sync_folder(folder)
             unless_all_is_well.pop_all()
         return study
@@ -359,8 +400,8 @@ class Study:
             settings: Those that the caller means to go on with; they must equal the study's.
 
         Raises:
-            StudyError: No study, one of a newer version, one begun with other settings, or one that another process
-                works on. Nothing on the disk is changed then.
+            StudyError: No study, one of a newer version, one begun with other settings, one that was damaged or that
+                another program changed, or one that another process works on. Nothing on the disk is changed then.
         """
         own = read_settings(folder)
         if settings is not None and (different := own.differences(settings)):
@@ -368,7 +409,7 @@ class Study:
             raise StudyError(msg)
         with contextlib.ExitStack() as unless_all_is_well:
             lock = unless_all_is_well.enter_context(_locked(folder))
-            study = cls(folder, own, lock, _repaired(folder / JOURNAL_FILE))
+            study = cls(folder, own, lock)
             study._fail_unfinished()
             unless_all_is_well.pop_all()
         return study
@@ -554,49 +595,135 @@ def read_settings(folder: Path) -> Settings:
     """Return the settings of the study in a folder; nothing is changed.
 
     Raises:
-        StudyError: There is no study, or this version cannot read it.
+        StudyError: There is no study, it was damaged, or this version cannot read it.
     """
+    return _settings_and_sum(folder)[0]
+
+
+def _settings_and_sum(folder: Path) -> tuple[Settings, str]:
+    """Return a study's settings and the check sum of their file; raises as `read_settings`."""
     try:
-        return Settings.from_json((folder / SETTINGS_FILE).read_text(encoding="utf-8"))
+        text = (folder / SETTINGS_FILE).read_text(encoding="utf-8")
+        return Settings.from_json(text), check_sum(text.encode())
     except (FileNotFoundError, NotADirectoryError):
         msg = f"{folder} holds no study: {SETTINGS_FILE} is missing"
         raise StudyError(msg) from None
+    except UnicodeDecodeError as error:
+        msg = f"{folder / SETTINGS_FILE} is damaged ({error}): restore it from a copy"
+        raise StudyError(msg) from error
     except StudyError as error:
         msg = f"{folder / SETTINGS_FILE}: {error}"
         raise StudyError(msg) from error
 
 
-def read_trials(folder: Path) -> list[TrialRecord]:
+def _tell(note: str) -> None:
+    sys.stderr.write(f"note: {note}\n")
+
+
+def read_trials(folder: Path, tell: Callable[[str], object] = _tell) -> list[TrialRecord]:
     """Return all trials of the study in a folder, also while an optimiser works on it; nothing is changed.
 
+    Args:
+        folder: Of the study.
+        tell: Is called with each note on the journal that a user should know of; writes it to stderr if left out.
+
     Raises:
-        StudyError: There is no journal, or this version cannot read it.
+        StudyError: There is no journal, it was damaged or changed by another program, or this version cannot read it.
     """
-    journal = folder / JOURNAL_FILE
-    if not journal.exists():
+    if not (folder / JOURNAL_FILE).exists() and not list(_bags(folder)):
         msg = f"{folder} holds no study: {JOURNAL_FILE} is missing"
         raise StudyError(msg)
-    check_lines(journal)
-    storage = JournalStorage(JournalFileBackend(str(journal)))
-    try:
-        study_id = storage.get_study_id_from_name(_STUDY_NAME)
-    except KeyError:
-        return []
-    return [_record(trial) for trial in storage.get_all_trials(study_id, deepcopy=False)]
+    _, frozen, lines = _ledger(folder, read_settings(folder))
+    for note in lines.notes:
+        tell(note)
+    if length := lines.cut():
+        tell(
+            f"the journal's last entry is cut short ({length} bytes) and not counted; a kill or a running study does so"
+        )
+    return [_record(trial) for trial in frozen]
 
 
-def _ledger(journal: Path, objective: Objective) -> tuple[JournalStorage, int]:
-    """Return Optuna's storage and its number of the study in the journal; the study is begun if the journal is new."""
-    lock = JournalFileOpenLock(str(journal))
-    storage = JournalStorage(JournalFileBackend(str(journal), lock_obj=lock))
+def _bags(folder: Path) -> Iterator[tuple[int, str]]:
+    """Yield number and name of every bag of a trial in a study's folder."""
+    for path in (folder / BAG_FOLDER).glob("trial_*_*"):
+        if found := _BAG_NAME.match(path.name):
+            yield int(found[1]), path.name
+
+
+def _ledger(folder: Path, settings: Settings) -> tuple[JournalStorage, list[optuna.trial.FrozenTrial], JournalLines]:
+    """Return Optuna's storage of a study, its trials, which are as they should be, and the journal's lines.
+
+    Nothing is changed. A study that was just begun has an empty journal or none.
+
+    Raises:
+        StudyError: The journal cannot be read, or is not that of what else lies in the folder.
+    """
+    bags = sorted(_bags(folder))  # before the journal: a trial is written there before its bag is made
+    lines = JournalLines(folder / JOURNAL_FILE, _settings_and_sum(folder)[1])
+    storage = storage_of(lines)
+    lines.check_end()
+    trials = storage.get_all_trials(0, deepcopy=False) if lines.count else []
     try:
-        return storage, storage.get_study_id_from_name(_STUDY_NAME)
+        _check_trials(trials, settings)
+    except WRONG_CONTENT as error:
+        what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+        msg = f"{lines.journal} is damaged or was changed by another program ({what}): restore it from a copy"
+        raise StudyError(msg) from error
+    beyond = [name for number, name in bags if number >= len(trials)]
+    if beyond:
+        which = beyond[0] if len(beyond) == 1 else f"{beyond[0]} to {beyond[-1]}"
+        knows = f"knows {len(trials)} trials" if lines.count else "is empty" if lines.journal.exists() else "is missing"
+        msg = (
+            f"{lines.journal} {knows}, but {len(beyond)} bags of later trials lie beside it ({which}): restore the "
+            "journal from a copy, or move these bags elsewhere to go on without them"
+        )
+        raise StudyError(msg)
+    return storage, trials, lines
+
+
+def _check_trials(trials: Sequence[optuna.trial.FrozenTrial], settings: Settings) -> None:
+    """Look at what a journal without check sums may have wrong; with them, nothing of that can be.
+
+    Raises:
+        ValueError: A trial that this program never wrote; also a KeyError, or what else wrong content leads to.
+    """
+    known: list[Values] = []
+    for trial in trials:
+        record = _record(trial)
+        where = f"trial {record.number}"
+        values = settings.space.check(record.values)
+        number = record.candidate
+        if type(number) is not int or not 0 <= number <= len(known):
+            msg = f"{where} is of candidate {number!r}, which no trial before it leads to"
+            raise ValueError(msg)
+        if number == len(known):
+            known.append(values)
+        if known[number] != values:
+            msg = f"{where} has other values than candidate {number} had before"
+            raise ValueError(msg)
+        if any(not isinstance(trial.user_attrs.get(name, ""), str) for name in ("bag", "reason", "plant")):
+            msg = f"{where} has a bag, a reason or a plant that is no text"
+            raise ValueError(msg)
+        numbers = [*(trial.values or [])] if record.outcome is Outcome.OK else []
+        if record.outcome is Outcome.OK and len(numbers) != len(settings.objective.parts):
+            msg = f"{where} is OK with {len(numbers)} numbers, needed are {len(settings.objective.parts)}"
+            raise ValueError(msg)
+        for value in (*numbers, record.spread, record.samples):
+            if value is not None and not math.isfinite(value):
+                msg = f"{where} is OK with {value!r}, needed are finite numbers"
+                raise ValueError(msg)
+
+
+def _begun(storage: JournalStorage, objective: Objective) -> int:
+    """Return Optuna's number of the study in the journal; the study is begun if the journal is new."""
+    try:
+        return storage.get_study_id_from_name(STUDY_NAME)
     except KeyError:
-        study = optuna.create_study(study_name=_STUDY_NAME, storage=storage, directions=objective.directions)
+        study = optuna.create_study(study_name=STUDY_NAME, storage=storage, directions=objective.directions)
     with warnings.catch_warnings():  # only the dashboard's axis label: nothing is lost if Optuna drops it
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         study.set_metric_names([label for _, _, label in objective.parts])
-    return storage, storage.get_study_id_from_name(_STUDY_NAME)
+    return storage.get_study_id_from_name(STUDY_NAME)
 
 
 def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
@@ -691,21 +818,6 @@ def _lock(file: TextIO, folder: Path) -> None:
     except BlockingIOError:
         msg = f"another optimiser is working on {folder}: stop it first, or choose another folder"
         raise StudyError(msg) from None
-
-
-def _repaired(journal: Path) -> list[str]:
-    """Remove what a kill in the middle of an entry left behind, and return a note on it; needs the study's lock.
-
-    Raises:
-        StudyError: The journal is damaged or of a newer version; nothing is changed.
-    """
-    if not journal.exists():
-        return []
-    check_lines(journal)
-    remove_stale_lock(journal)
-    if length := take_off_cut_line(journal):
-        return [f"the journal's last entry was cut short ({length} bytes) and was taken off"]
-    return []
 
 
 def _sync_folder(folder: Path) -> None:
