@@ -14,9 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
-import yaml
-
-from fin_plant import checks
+from fin_plant import checks, yaml_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -155,5 +153,5 @@ def load_table(package: str, file_name: str) -> ParameterTable:
         msg = f"package {package} is not installed: build the workspace and source it"
         raise ValueError(msg)
     path = Path(specification.submodule_search_locations[0]) / file_name
-    content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    content = cast("dict[str, object]", yaml_file.read(path))
     return ParameterTable({name: _parameter(file_name, name, entry) for name, entry in content.items()})

@@ -139,8 +139,9 @@ class SerialLine:
 def require_port(port: str, schemes: Collection[str] = ()) -> None:
     """Refuse what is no serial port.
 
-    Whoever is on the graph may name a port, and to open one may do harm: URLs of pyserial overwrite files and call other
-    computers, a file would be written into, a pipe waited for. A path that is not there, or must not be looked at, passes: to open it says so.
+    Whoever is on the graph may name a port, and to open one may do harm: URLs of pyserial overwrite files and call
+    other computers, a file would be written into, a pipe waited for. A path that is not there, or must not be looked
+    at, passes: to open it says so.
 
     Args:
         port: Path or URL.

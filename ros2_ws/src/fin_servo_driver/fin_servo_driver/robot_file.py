@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from fin_plant import checks
+from fin_plant import checks, yaml_file
 from fin_plant.gait import MAXIMUM_JOINTS
 
 if TYPE_CHECKING:
@@ -227,9 +227,8 @@ def load(path: Path) -> Robot:
         ValueError: It cannot be read, or something in it is refused; the message names file and key.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        return parse(content)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, ValueError) as error:
+        return parse(yaml_file.read(path))
+    except (OSError, ValueError) as error:
         msg = f"{path}: {error}"
         raise ValueError(msg) from error
 

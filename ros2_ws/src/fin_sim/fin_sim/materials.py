@@ -6,11 +6,9 @@ import difflib
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
-import yaml
-
-from fin_plant import checks
+from fin_plant import checks, yaml_file
 
 if TYPE_CHECKING:
     from fin_plant.fin import Fin
@@ -68,7 +66,7 @@ def materials() -> dict[str, Material]:
     Raises:
         ValueError: An entry of the file that is incomplete.
     """
-    content = yaml.safe_load((Path(__file__).parent / "materials.yaml").read_text(encoding="utf-8"))
+    content = cast("dict[str, dict[str, Any]]", yaml_file.read(Path(__file__).parent / "materials.yaml"))
     table = {}
     for key, entry in content.items():
         modulus = entry.pop("young_modulus", None)

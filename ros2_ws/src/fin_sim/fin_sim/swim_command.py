@@ -13,14 +13,13 @@ import tempfile
 from contextlib import contextmanager, suppress
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
-import yaml
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from fin_plant import checks, validity
+from fin_plant import checks, validity, yaml_file
 from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.fin import PLANT_PARAMETERS, SHAPES
 from fin_plant.parameters import ParameterTable
@@ -150,10 +149,13 @@ def _is_simulators(node: str) -> bool:
 def _read_parameters(path: Path) -> tuple[dict[str, Value], dict[str, Value]]:
     """Return what a ROS parameter file says of fin, fish and servo, and of the run; the rest is the node's alone."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = cast("dict[str, dict[str, Any]]", yaml_file.read(path))
         nodes = {name: dict(_flatten(entry["ros__parameters"])) for name, entry in content.items()}
         chosen = [entry for name, entry in nodes.items() if _is_simulators(name)]
-    except (yaml.YAMLError, UnicodeDecodeError, AttributeError, KeyError, TypeError) as error:
+    except ValueError as error:
+        msg = f"{path} is not a ROS parameter file: {error}"
+        raise ValueError(msg) from None
+    except (AttributeError, KeyError, TypeError) as error:
         msg = f"{path} is not a ROS parameter file (node: ros__parameters: name: value): {error!r}"
         raise ValueError(msg) from None
     if not chosen:
