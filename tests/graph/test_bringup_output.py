@@ -186,7 +186,7 @@ def let_it_swim(person: RobotClient) -> None:
         "configuring": lambda: person.change_state(CONFIGURE),
         "fin": person.confirm_fin,
         "arming": lambda: person.change_state(ACTIVATE),
-        "mark": person.reset,
+        "mark": person.confirm_mark,
     }
 
     def swims() -> bool:

@@ -84,7 +84,7 @@ class StubPlant:
         if answers is not None:
             self._answers = iter(answers)
             self._node.create_service(SetParametersAtomically, "~/set_parameters_atomically", self._answer)
-            self._node.create_service(Trigger, "~/reset", lambda _, response: response)
+            self._node.create_service(Trigger, "~/request_reset", lambda _, response: response)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._executor.spin)
@@ -204,7 +204,7 @@ def test_a_plant_without_services_fails_the_trial_and_names_them(start: Start, f
     with StubPlant(ros_domain):
         optimizer = start_optimizer(start, folder, "timeout.find:=1.0", "failures_in_a_row:=1")
         assert optimizer.wait(60) == 1
-    expected = "service /fish/stub/set_parameters_atomically and /fish/stub/reset missing"
+    expected = "service /fish/stub/set_parameters_atomically and /fish/stub/request_reset missing"
     assert expected in table(folder)[0]["reason"]
 
 

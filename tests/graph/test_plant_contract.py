@@ -58,12 +58,12 @@ class ContractClient(RobotClient):
         if state is not None and state.state is State.WAITING_FOR_FIN:
             assert self.confirm_fin().success
         elif state is not None and state.details.get("waiting_for") == "mark":
-            assert self.reset().success
+            assert self.confirm_mark().success
 
     def put_back(self) -> int:
         """Bring the fish to its start, as a trial does; return the stamp before."""
         before = self.wait_for_state(State.READY).stamp
-        assert self.reset().success
+        assert self.request_reset().success
         self.settle()
         self.wait_until(
             lambda: (s := self.state()) is not None and s.state is State.READY and s.stamp > before, "READY"

@@ -240,7 +240,8 @@ def test_the_emergency_stop_is_at_once_and_latched(driver: StartedProcess, clien
     sent = len(recorder(port).widths)
     client.spin(0.7)
     assert len(recorder(port).widths) == sent
-    assert not client.reset().success
+    assert not client.request_reset().success
+    assert not client.confirm_mark().success
     assert client.change_state(DEACTIVATE)
     assert not client.change_state(ACTIVATE)
     assert client.emergency_stop(on=False).success
@@ -248,7 +249,9 @@ def test_the_emergency_stop_is_at_once_and_latched(driver: StartedProcess, clien
     client.wait_for_state(State.WAITING_FOR_RESET)
     client.spin(0.5)
     assert len(recorder(port).widths) == sent
-    assert client.reset().success
+    assert client.request_reset().success
+    client.wait_for_state(State.WAITING_FOR_RESET)
+    assert client.confirm_mark().success
     client.wait_for_state(State.SWIMMING)
 
 
@@ -276,23 +279,73 @@ def test_the_emergency_stop_does_not_wait_for_a_tail_that_is_led_to_neutral(
         assert client.life_cycle() == (INACTIVE if transition == DEACTIVATE else FINALIZED)
 
 
-def test_after_an_emergency_stop_the_mark_is_asked_for_whatever_fin_is_set(
+def test_after_an_emergency_stop_nothing_that_an_optimiser_calls_leads_on(
+    driver: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)  # whose gait goes on being sent
+    assert client.emergency_stop(on=True).success
+    assert client.emergency_stop(on=False).success
+    assert client.wait_for_state(State.WAITING_FOR_RESET).details["waiting_for"] == "mark"
+    sent = len(recorder(port).widths)
+    for _ in range(3):
+        assert client.request_reset().success
+        assert client.set_parameters({"fin.length": 0.08}).successful
+        client.spin(0.3)
+        state = client.state()
+        assert state is not None
+        assert state.details["waiting_for"] == "mark"
+    assert len(recorder(port).widths) == sent
+    assert client.confirm_mark().success
+    client.wait_for_state(State.SWIMMING)
+
+
+def test_a_device_that_was_away_is_back_at_its_mark_only_when_a_person_says_so(
     driver: StartedProcess, client: RobotClient, port: PtyPort
 ) -> None:
     del driver
     client.make_ready()
     swim_a_little(client, port, 0.0)
-    assert client.emergency_stop(on=True).success
-    assert client.emergency_stop(on=False).success
+    port.unplug()
+    client.wait_for_state(State.FAULT)
+    port.plug()
     assert client.wait_for_state(State.WAITING_FOR_RESET).details["waiting_for"] == "mark"
-    assert client.set_parameters({"fin.length": 0.08}).successful
-    client.spin(0.3)
-    state = client.state()
-    assert state is not None
-    assert state.details["waiting_for"] == "mark"
+    assert client.request_reset().success
+    client.spin(0.5)
     assert not pulses(port)
-    assert client.reset().success
+    assert client.confirm_mark().success
     client.wait_for_state(State.SWIMMING)
+
+
+def test_a_fin_that_was_asked_off_and_on_again_is_confirmed_by_a_person(
+    driver: StartedProcess, client: RobotClient
+) -> None:
+    del driver
+    client.make_ready()
+    for length in ("0.07", "0.08"):
+        assert client.set_parameters({"fin.length": float(length)}).successful
+        state = client.wait_for_state(State.WAITING_FOR_FIN)
+        assert state.details["wanted.fin.length"] == length or length == "0.08"
+    assert client.confirm_fin().success
+    client.wait_for_state(State.READY)
+
+
+def test_the_ramp_is_not_changed_in_a_swim(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    refused = client.set_parameters({"drive.ramp_time": 2.0})
+    assert not refused.successful
+    assert "stop the gait first" in refused.reason
+    client.stop_swimming()
+    assert client.set_parameters({"drive.ramp_time": 2.0}).successful
+
+
+def test_a_rehearsal_takes_no_real_device(start: Callable[..., StartedProcess], client: RobotClient) -> None:
+    start_driver(start, "plant:=rehearsal", "robot_file:=firmata", "port:=/dev/tty")
+    assert not client.change_state(CONFIGURE)
+    client.wait_until(lambda: "is no pseudo-terminal" in client.reason(), "the reason")
 
 
 def test_a_killed_driver_leaves_an_arduino_pulsing(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
@@ -374,7 +427,7 @@ def test_another_fin_stops_the_tail_until_it_is_mounted(
     assert state.details["wanted.fin.length"] == "0.07"
     assert state.fin["fin.length"] == "0.08"
     client.wait_until(lambda: not pulses(port), "silence")
-    assert not client.reset().success
+    assert not client.request_reset().success
     client.publish_gait(None)
     assert client.confirm_fin().success
     assert client.wait_for_state(State.READY).fin["fin.length"] == "0.07"
@@ -396,26 +449,30 @@ def test_a_bad_fin_is_refused_and_changes_nothing(
     assert client.state() == before
 
 
-def test_reset_waits_for_the_operator_and_a_new_trial_asks_anew(
+def test_a_reset_is_asked_for_by_programs_and_confirmed_by_a_person(
     driver: StartedProcess, client: RobotClient, port: PtyPort
 ) -> None:
     del driver
     client.make_ready()
+    assert not client.confirm_mark().success
     swim_a_little(client, port, 0.0)
-    assert client.reset().success
+    assert client.request_reset().success
     first = client.wait_for_state(State.WAITING_FOR_RESET)
     assert first.details["waiting_for"] == "mark"
     client.wait_until(lambda: not pulses(port), "silence")
     client.publish_gait(None)
-    assert client.reset().success
+    assert client.confirm_mark().success
     client.wait_for_state(State.READY)
-    # A trial is given up while the operator is asked; the next one's reset must not pass for the operator's answer.
-    assert client.reset().success
+    # A trial is given up while the operator is asked: the next one's questions are no answer to it.
+    assert client.request_reset().success
     client.wait_for_state(State.WAITING_FOR_RESET)
     assert client.set_parameters({"fin.length": 0.08}).successful
-    client.wait_for_state(State.READY)
-    assert client.reset().success
-    assert client.wait_for_state(State.WAITING_FOR_RESET).stamp > first.stamp
+    assert client.request_reset().success
+    client.spin(0.3)
+    state = client.state()
+    assert state is not None
+    assert state.state is State.WAITING_FOR_RESET
+    assert state.stamp > first.stamp
 
 
 # -- bad set-ups: configure fails with the reason --------------------------------------------------------------------
@@ -538,7 +595,9 @@ def test_a_device_that_falls_silent_is_lost_and_comes_back(
     assert "fallen silent" in client.reason()
     assert client.life_cycle() == ACTIVE
     port.silent = False
-    client.wait_for_state(State.READY, timeout=15.0)
+    assert client.wait_for_state(State.WAITING_FOR_RESET, timeout=15.0).details["waiting_for"] == "mark"
+    assert client.confirm_mark().success
+    client.wait_for_state(State.SWIMMING)
 
 
 def test_lost_bytes_never_lead_beyond_the_limits(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
@@ -631,10 +690,10 @@ def test_inactive_it_keeps_its_port_and_publishes_its_state(
     assert client.confirm_fin().success
     state = client.wait_for_state(State.WAITING_FOR_RESET)
     assert "not armed" in state.reason
-    assert client.reset().success  # the optimiser's
-    assert not client.reset().success  # the operator's, who must arm first
+    assert client.request_reset().success
+    assert not client.confirm_mark().success  # the driver is to be armed first
     assert client.change_state(ACTIVATE)
     assert client.wait_for_state(State.WAITING_FOR_RESET).details["waiting_for"] in {"mark", "arming"}
     client.wait_until(lambda: "mark" in client.reason(), "wait for the mark")
-    assert client.reset().success
+    assert client.confirm_mark().success
     client.wait_for_state(State.READY)

@@ -105,7 +105,7 @@ def test_a_fish_in_fault_is_left_out_and_takes_part_again_after_its_reset(
     assert "stopped being finite" in first.reason
     again = [trial for trial in trials if trial.candidate == first.candidate and trial is not first]
     assert [trial.plant for trial in again] == [FISH[0]]
-    assert call(f"{FISH[1]}/simulator/reset").success
+    assert call(f"{FISH[1]}/simulator/request_reset").success
     study.wait_for_output(f"{FISH[1]} takes part")
     study.signal(signal.SIGINT)
     assert study.wait(30) == 130

@@ -73,7 +73,7 @@ def test_a_swim_repeats_bit_for_bit_after_a_reset(start: Callable[..., Any], cli
     client.wait_for_state(State.READY)
     runs = []
     for _ in range(2):
-        assert client.reset().success
+        assert client.request_reset().success
         since = client.swim(PAPER_GAIT, seconds=3.0)
         after = [m for m in client.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) > since]
         runs.append([m.twist.linear.x for m in after[:300]])
@@ -229,7 +229,7 @@ def test_a_fin_that_folds_is_a_fault_with_its_angle_and_reset_clears_it(
     assert "step shortened" in process.output()
     assert plant_state_from_message(client.received(topics.PLANT_STATE)[-1]).state is State.FAULT
     client.publish_gait(None)
-    assert client.reset().success
+    assert client.request_reset().success
     client.wait_for_state(State.READY)
 
 

@@ -150,9 +150,9 @@ class PlantClient:
         self._node.destroy_client(client)
         return future.result()
 
-    def reset(self) -> Any:
-        """Call ~/reset."""
-        return self._call(Trigger, topics.RESET_SERVICE, Trigger.Request())
+    def request_reset(self) -> Any:
+        """Call ~/request_reset."""
+        return self._call(Trigger, topics.REQUEST_RESET_SERVICE, Trigger.Request())
 
     def set_parameters(self, values: Mapping[str, Any]) -> Any:
         """Set parameters atomically; return the result."""

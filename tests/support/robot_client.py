@@ -12,6 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from fin_plant import topics
 from fin_plant.plant_state import State
+from fin_servo_driver.robot_states import LEAST_SIGHT
 from support.plant_client import PlantClient
 
 if TYPE_CHECKING:
@@ -54,8 +55,14 @@ class RobotClient(PlantClient):
         return self._call(SetBool, topics.EMERGENCY_STOP_SERVICE, SetBool.Request(data=on))
 
     def confirm_fin(self) -> Any:
-        """Call ~/confirm_fin."""
+        """Call ~/confirm_fin when the question has stood long enough to be seen."""
+        self.spin(1.5 * LEAST_SIGHT)
         return self._call(Trigger, topics.CONFIRM_FIN_SERVICE, Trigger.Request())
+
+    def confirm_mark(self) -> Any:
+        """Call ~/confirm_mark when the question has stood long enough to be seen."""
+        self.spin(1.5 * LEAST_SIGHT)
+        return self._call(Trigger, topics.CONFIRM_MARK_SERVICE, Trigger.Request())
 
     def make_ready(self) -> None:
         """Configure, mount the fin asked for, arm."""

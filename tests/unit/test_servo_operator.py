@@ -44,7 +44,7 @@ def state(name: State, reason: str = "", waiting_for: str = "") -> PlantState:
         (state(State.FAULT, "the driver's I/O thread has failed: KeyError(3)"), "start it anew", ""),
         (state(State.WAITING_FOR_FIN, waiting_for="fin"), "Mount this fin", "confirm_fin"),
         (state(State.WAITING_FOR_RESET, waiting_for="arming"), "ARM", "activate"),
-        (state(State.WAITING_FOR_RESET, waiting_for="mark"), "back to its mark", "reset"),
+        (state(State.WAITING_FOR_RESET, waiting_for="mark"), "back to its mark", "confirm_mark"),
         (state(State.READY), "Nothing to do", ""),
         (state(State.SWIMMING), "The space bar stops", ""),
     ],

@@ -159,7 +159,7 @@ SILENT_PLANT = [
     ("wait until it is at rest", 10.0, "topic /fish/plant_state says SWIMMING"),
     ("set the fin", 20.0, "no answer from service /fish/simulator/set_parameters_atomically"),
     ("wait for the fin", 10.0, "the fin mounted has fin.young_modulus = 1200000000.0 instead of 1500000000.0"),
-    ("reset", 20.0, "no answer from service /fish/simulator/reset"),
+    ("reset", 20.0, "no answer from service /fish/simulator/request_reset"),
     ("wait at the start", 10.0, "topic /fish/plant_state says READY"),
     ("open the bag", 10.0, "nothing to record on topic /fish/velocity"),
     ("start the gait", 5.0, "the gait on topic /fish/gait had no effect: topic /fish/plant_state says READY"),
@@ -507,10 +507,10 @@ def test_a_second_plant_that_turns_up_fails_the_trial(phase: str) -> None:
 def test_a_missing_service_is_named() -> None:
     rehearsal = Rehearsal()
     rehearsal.seen.plants = ("/fish/simulator",)
-    rehearsal.seen.missing_services = ("/fish/simulator/reset",)
+    rehearsal.seen.missing_services = ("/fish/simulator/request_reset",)
     rehearsal.update()
     rehearsal.update(30.1)
-    assert "service /fish/simulator/reset missing" in rehearsal.failure
+    assert "service /fish/simulator/request_reset missing" in rehearsal.failure
 
 
 def test_the_bag_stays_open_until_every_stream_has_reached_the_windows_end() -> None:

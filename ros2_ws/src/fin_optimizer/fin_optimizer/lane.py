@@ -230,7 +230,7 @@ class Lane:
                 self.plant.ask_parameters(tuple(SIMULATOR_PARAMETERS if simulated else PLANT_LIMITS))
                 self.plant.set_fin(trial.fin)
             case Action.RESET | Action.RECOVER:
-                self.plant.reset()
+                self.plant.request_reset()
             case Action.GAIT_ON:
                 self._gait_due = 0.0
                 self._repeat_gait(time.monotonic())

@@ -39,7 +39,7 @@ class PlantClient:
     Attributes:
         state: What the plant said last, None before.
         fin_reply: Answer to the last `set_fin`, None before it has come.
-        reset_reply: Answer to the last `reset`, None before it has come.
+        reset_reply: Answer to the last `request_reset`, None before it has come.
         changed: Something new has come; the owner sets it back.
         parameters: What `ask_parameters` learnt, by name, None before the answer has come.
     """
@@ -57,7 +57,7 @@ class PlantClient:
         self._look_due = 0.0
         self._name = ""
         self._set_parameters: Client | None = None
-        self._reset: Client | None = None
+        self._request_reset: Client | None = None
         self._get_parameters: Client | None = None
         self._gait = node.create_publisher(topics.GAIT.type, topics.GAIT.name_in(namespace), topics.GAIT.qos)
         state = node.create_subscription(
@@ -98,11 +98,11 @@ class PlantClient:
             return []
         if plants[0] != self._name:
             self._connect(plants[0])
-        clients = [client for client in (self._set_parameters, self._reset) if client is not None]
+        clients = [client for client in (self._set_parameters, self._request_reset) if client is not None]
         return [str(client.service_name) for client in clients if not client.service_is_ready()]
 
     def _connect(self, name: str) -> None:
-        for client in (self._set_parameters, self._reset, self._get_parameters):
+        for client in (self._set_parameters, self._request_reset, self._get_parameters):
             if client is not None:
                 self._node.destroy_client(client)
         self._newest.clear()
@@ -110,7 +110,7 @@ class PlantClient:
         self._set_parameters = self._node.create_client(
             SetParametersAtomically, f"{name}/{topics.SET_PARAMETERS_SERVICE}"
         )
-        self._reset = self._node.create_client(Trigger, f"{name}/{topics.RESET_SERVICE}")
+        self._request_reset = self._node.create_client(Trigger, f"{name}/{topics.REQUEST_RESET_SERVICE}")
         self._get_parameters = self._node.create_client(GetParameters, f"{name}/get_parameters")
 
     def set_fin(self, fin: Mapping[str, Value]) -> None:
@@ -125,14 +125,14 @@ class PlantClient:
 
         self._call(self._set_parameters, request, note)
 
-    def reset(self) -> None:
+    def request_reset(self) -> None:
         """Ask for the fish at rest at its start; `reset_reply` will tell."""
         self.reset_reply = None
 
         def note(response: Any) -> None:
             self.reset_reply = Reply(response.success, response.message)
 
-        self._call(self._reset, Trigger.Request(), note)
+        self._call(self._request_reset, Trigger.Request(), note)
 
     def ask_parameters(self, names: Sequence[str]) -> None:
         """Ask for these parameters; `parameters` will tell those that the plant has."""

@@ -80,9 +80,9 @@ class Result:
 class Action(Enum):
     """What the node does when a phase begins."""
 
-    RECOVER = "call the plant's reset to clear its fault"
+    RECOVER = "ask the plant for a reset, which clears a simulator's fault"
     SET_FIN = "set the candidate's parameters, all at once"
-    RESET = "call the plant's reset"
+    RESET = "ask the plant for the fish at rest at its start"
     OPEN_BAG = "open the trial's bag"
     GAIT_ON = "send the gait, and repeat it"
     GAIT_OFF = "send a gait of zero amplitude"
@@ -557,7 +557,7 @@ PHASES: tuple[Phase, ...] = (
         action=Action.RESET,
         done=lambda _, facts: facts.reset_reply is not None,
         patience="reply",
-        missing=lambda _, facts: _service(facts, "reset"),
+        missing=lambda _, facts: _service(facts, "request_reset"),
     ),
     Phase(
         "wait at the start",

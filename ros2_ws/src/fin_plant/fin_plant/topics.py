@@ -98,6 +98,9 @@ RECORDED_TOPICS: tuple[Topic[Any], ...] = (
 """What the bag of a trial holds."""
 
 SET_PARAMETERS_SERVICE = "set_parameters_atomically"
-RESET_SERVICE = "reset"
+REQUEST_RESET_SERVICE = "request_reset"
+"""What programs ask a plant for: the fish at rest at its start. A simulator does it, a robot asks a person for it."""
 CONFIRM_FIN_SERVICE = "confirm_fin"
+CONFIRM_MARK_SERVICE = "confirm_mark"
+"""What a person's tools alone call, of a robot: the fin is mounted, the fish is back at its mark."""
 EMERGENCY_STOP_SERVICE = "estop"

@@ -30,7 +30,7 @@ TRANSITIONS = {
     "deactivate": Transition.TRANSITION_DEACTIVATE,
     "cleanup": Transition.TRANSITION_CLEANUP,
 }
-SERVICES = (topics.CONFIRM_FIN_SERVICE, topics.RESET_SERVICE)
+SERVICES = (topics.CONFIRM_FIN_SERVICE, topics.CONFIRM_MARK_SERVICE)
 _ANSWER_SECONDS = 15.0
 """Configuring waits up to 5 s for a board's banner."""
 _STOP_SECONDS = 3.0

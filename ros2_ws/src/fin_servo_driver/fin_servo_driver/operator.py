@@ -60,7 +60,7 @@ _WAITING = {
     "configuring": ("Press Enter to open the port and check the device. Nothing moves by that.", "configure"),
     "fin": ("Mount this fin. When it is on and nobody's hands are near the tail, press Enter.", "confirm_fin"),
     "arming": ("Hands off the tail. Press Enter to ARM the driver: from then on a gait moves it.", "activate"),
-    "mark": ("Bring the fish back to its mark and let the water settle. Then press Enter.", "reset"),
+    "mark": ("Bring the fish back to its mark and let the water settle. Then press Enter.", "confirm_mark"),
 }
 """What to do, and what Enter then asks for, by what the driver waits for."""
 _EMERGENCY = "emergency stop"

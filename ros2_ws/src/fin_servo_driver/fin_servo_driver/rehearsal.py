@@ -33,6 +33,7 @@ from fin_servo_driver.emulator.emulate import device_for, targets
 from fin_servo_driver.emulator.hidden_fish import SAMPLE_TIME, Camera, Deviation, HiddenFish
 from fin_servo_driver.emulator.pty_port import PtyPort
 from fin_servo_driver.fin_instruction import wanted_fin
+from fin_servo_driver.robot_states import LEAST_SIGHT
 from fin_servo_driver.wall_clock import stamp_of
 
 if TYPE_CHECKING:
@@ -46,10 +47,14 @@ if TYPE_CHECKING:
 
 PARAMETERS = load_table("fin_servo_driver", "rehearsal_parameters.yaml")
 DRIVER = "servo_driver"
+PLANT = "rehearsal"
+"""What the driver of a rehearsal calls itself."""
 # More than this behind real time is given up, as in the simulator.
 _LARGEST_LAG = 0.25
 _LOOK = 0.1
 _PATIENCE = 2.0
+_SIGHT = 1.25 * LEAST_SIGHT
+"""s that pass at least before an answer: what is answered at once nobody can have seen, and the driver refuses it."""
 
 
 class Operator:
@@ -88,8 +93,8 @@ class Operator:
         self._get_state = node.create_client(GetState, f"{DRIVER}/get_state")
         self._change_state = node.create_client(ChangeState, f"{DRIVER}/change_state")
         self._set = node.create_client(SetParametersAtomically, f"{DRIVER}/{topics.SET_PARAMETERS_SERVICE}")
-        self._confirm = node.create_client(Trigger, f"{DRIVER}/{topics.CONFIRM_FIN_SERVICE}")
-        self._reset = node.create_client(Trigger, f"{DRIVER}/{topics.RESET_SERVICE}")
+        self._confirm_fin = node.create_client(Trigger, f"{DRIVER}/{topics.CONFIRM_FIN_SERVICE}")
+        self._confirm_mark = node.create_client(Trigger, f"{DRIVER}/{topics.CONFIRM_MARK_SERVICE}")
         node.create_subscription(
             topics.PLANT_STATE.type, topics.PLANT_STATE.name, self._on_state, topics.PLANT_STATE.qos
         )
@@ -106,7 +111,9 @@ class Operator:
         """Do what the driver waits for, if it has waited long enough."""
         now = time.monotonic()
         state = self._state
-        if state is None or now - self._since < self.delay or now < self._busy_until:
+        if state is None or state.plant != PLANT or now < self._busy_until:
+            return  # never a robot's driver that was started beside it
+        if now - self._since < max(self.delay, _SIGHT):
             return
         waiting = state.details.get("waiting_for", "")
         self._busy_until = now + _PATIENCE
@@ -114,12 +121,12 @@ class Operator:
             self._call(self._get_state, GetState.Request(), self._set_up)
         elif waiting == "fin":
             self._mount(wanted_fin(state.details))
-            self._answer(self._confirm, Trigger.Request())
+            self._answer(self._confirm_fin, Trigger.Request())
         elif waiting == "arming":
             self._change(Transition.TRANSITION_ACTIVATE)
         elif waiting == "mark":
             self._put_back()
-            self._answer(self._reset, Trigger.Request())
+            self._answer(self._confirm_mark, Trigger.Request())
         else:
             self._busy_until = 0.0
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import time
-from enum import Enum
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -32,11 +31,11 @@ from fin_plant.plant_state import PlantState, State
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.diagnosis import Counters, describe
 from fin_servo_driver.emergency_stop import EmergencyStop
-from fin_servo_driver.fin_instruction import instruction
 from fin_servo_driver.io_thread import IoThread
 from fin_servo_driver.line import DeviceError
 from fin_servo_driver.port import SerialLine, name_warning
 from fin_servo_driver.relay import RelayMotion
+from fin_servo_driver.robot_states import EMERGENCY, NOT_CONFIGURED, Device, RobotStates, Waiting
 from fin_servo_driver.set_points import ServoMotion
 from fin_servo_driver.tail import Command, Phase, Settings
 from fin_servo_driver.wall_clock import stamp_of
@@ -46,9 +45,9 @@ if TYPE_CHECKING:
 
     from lifecycle_msgs.srv import ChangeState
     from rclpy.node import Node
-    from rclpy.parameter import Parameter
 
     from fin_servo_driver.robot_file import Robot
+    from fin_servo_driver.robot_states import Answer, Standing
     from fin_servo_driver.set_points import Motion
 
 RCLError = rclpy_implementation.RCLError
@@ -62,20 +61,9 @@ _STALL_SECONDS = 1.6
 _TAKE_SECONDS = 0.3
 _ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
 _NICE = -10
+_PSEUDO_TERMINALS = "/dev/pts/"
 _TIMED_OUT = "no fresh gait within command_timeout: the tail returned to neutral"
 _NOT_STARTED = f"the tail did not start within {_TAKE_SECONDS:g} s: the device answers too slowly"
-_EMERGENCY = "the emergency stop is latched: release it with ~/estop false"
-
-
-class Waiting(Enum):
-    """What an operator has to do, as plant_state's detail ``waiting_for``."""
-
-    CONFIGURING = "configuring"
-    FIN = "fin"
-    ARMING = "arming"
-    MARK = "mark"
-    RELEASE = "release"
-    DEVICE = "device"
 
 
 class _ManagedNode(LifecycleNode):
@@ -126,7 +114,7 @@ class _ManagedNode(LifecycleNode):
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Leave everything safe; the driver can then be configured anew."""
         del state
-        return self._result("recover", self.driver.release)
+        return self._result("recover", self.driver.recover)
 
     def _result(self, what: str, work: object) -> TransitionCallbackReturn:
         """Do the work; a refusal keeps the state, anything unforeseen leads to `on_error`."""
@@ -156,22 +144,15 @@ class ServoDriver:
         managed.refuse_what_is_no_transition()
         self.node: Node = managed
         self._log = self.node.get_logger()  # type: ignore[no-untyped-call]
+        self._io: IoThread | None = None
         self._parameters = NodeParameters(
-            self.node, PARAMETERS, validate=Fin.from_parameters, on_change=self._parameters_changed
+            self.node, PARAMETERS, validate=self._check, on_change=self._parameters_changed
         )
         self._values = self._parameters.values
-        self.node.add_post_set_parameters_callback(self._fin_was_set)
-        self._io: IoThread | None = None
         self._motion: Motion | None = None
-        self._failure = "the driver is not configured"
-        self._armed = False
-        self._emergency = False
+        self._refusal = ""
+        self._states = RobotStates(self._values)
         self._emergency_seen = True
-        self._mounted: Mapping[str, Value] | None = None
-        self._reset_asked = False
-        self._mark_owed = False
-        self._stop_reason = ""
-        self._swimming_since: int | None = None
         self._sent: Command | None = None
         self._gait_since = 0.0
         self._followed = False
@@ -190,8 +171,9 @@ class ServoDriver:
             node.create_publisher(topic.type, topic.name, topic.qos) for topic in offered
         )
         node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
-        node.create_service(Trigger, f"~/{topics.RESET_SERVICE}", self._on_reset)
+        node.create_service(Trigger, f"~/{topics.REQUEST_RESET_SERVICE}", self._on_request_reset)
         node.create_service(Trigger, f"~/{topics.CONFIRM_FIN_SERVICE}", self._on_confirm_fin)
+        node.create_service(Trigger, f"~/{topics.CONFIRM_MARK_SERVICE}", self._on_confirm_mark)
         node.create_timer(1.0, self._publish_diagnostics)
 
     # -- life cycle --------------------------------------------------------------------------------------------------
@@ -209,6 +191,11 @@ class ServoDriver:
         if not port:
             msg = "no port: give it in the robot file or as parameter port"
             raise ValueError(msg)
+        if self._text("plant") == "rehearsal" and not os.path.realpath(port).startswith(_PSEUDO_TERMINALS):
+            msg = (
+                f"port {port} is no pseudo-terminal: a rehearsal arms its driver by itself, so it takes no real device"
+            )
+            raise ValueError(msg)
         if warning := name_warning(port):
             self._log.warning(warning)
         period = 1.0 / backend.rate
@@ -223,7 +210,7 @@ class ServoDriver:
         except DeviceError:
             self._io = None
             raise
-        self._failure = ""
+        self._states.new_device()
         self._rest()
         self._log.info(f"{port}: {self._io.health.identity}")
 
@@ -234,8 +221,8 @@ class ServoDriver:
             DeviceError: The emergency stop is latched, the tail is not at rest yet, or the device is not there.
         """
         io = self._need_io()
-        if self._emergency:
-            raise DeviceError(_EMERGENCY)
+        if self._states.emergency:
+            raise DeviceError(EMERGENCY)
         if not io.health.connected:
             raise DeviceError(io.health.reason)
         if io.health.phase is not Phase.DISARMED:
@@ -248,7 +235,7 @@ class ServoDriver:
             io.disarm()
             msg = "the device keeps the driver waiting: activate again"
             raise DeviceError(msg)
-        self._armed = True
+        self._states.armed = True
 
     def disarm(self) -> None:
         """Lead the tail to neutral and disable the device; if that is not done in time, disable it without neutral.
@@ -257,7 +244,7 @@ class ServoDriver:
             DeviceError: There is no device.
         """
         io = self._need_io()
-        self._armed = False
+        self._states.armed = False
         self._rest("the driver was deactivated")
         io.disarm()
         if not io.wait_for({Phase.DISARMED}, self._patience):
@@ -270,25 +257,31 @@ class ServoDriver:
 
     def release(self) -> None:
         """Make the device safe and close the port."""
-        self._armed = False
+        self._states.armed = False
         if self._io is not None:
             self._io.disarm()
             self._io.wait_for({Phase.DISARMED}, self._patience)
             self._io.close()
             self._io = None
-        self._failure = "the driver is not configured"
+        self._states.failure = NOT_CONFIGURED
         self._rest()
+
+    def recover(self) -> None:
+        """Make the device safe and close the port after something unforeseen, which stays the reason."""
+        self.release()
+        self._states.failure = self._refusal
 
     def refused(self, what: str, reason: str) -> None:
         """Note why a transition was refused."""
-        self._log.error(f"cannot {what}: {reason}")
+        self._refusal = f"cannot {what}: {reason}"
+        self._log.error(self._refusal)
         if self._io is None:
-            self._failure = f"cannot {what}: {reason}"
+            self._states.failure = self._refusal
         self.publish_state()
 
     def _need_io(self) -> IoThread:
         if self._io is None:
-            raise DeviceError(self._failure)
+            raise DeviceError(self._states.failure)
         return self._io
 
     def _text(self, name: str) -> str:
@@ -303,64 +296,39 @@ class ServoDriver:
 
     # -- state -------------------------------------------------------------------------------------------------------
 
-    def _fault(self) -> tuple[str, Waiting | None] | None:
-        """Return what is wrong, and what an operator can do about it while the driver runs; None if nothing is."""
-        if self._emergency:
-            return _EMERGENCY, Waiting.RELEASE
-        if self._io is not None and not self._io.health.connected:
-            reason = self._io.health.reason or "the device is not connected"
-            return reason, Waiting.DEVICE if self._io.alive else None
-        return None
+    def _device(self) -> Device | None:
+        """Return the device as the I/O thread has seen it, None while there is none."""
+        if self._io is None:
+            return None
+        health = self._io.health
+        return Device(health.connected, health.reason, health.reconnects, self._io.alive)
 
-    def _state(self) -> tuple[State, str, Waiting | None]:
-        """Return the state, its reason, and what an operator has to do."""
-        if fault := self._fault():
-            return State.FAULT, *fault
-        if (waiting := self._waiting()) is not None:
-            state = State.WAITING_FOR_FIN if waiting[0] is Waiting.FIN else State.WAITING_FOR_RESET
-            return state, waiting[1], waiting[0]
-        if self._swimming_since is not None:
-            return State.SWIMMING, "", None
-        return State.READY, self._stop_reason, None
-
-    def _waiting(self) -> tuple[Waiting, str] | None:
-        """Return what an operator has to do, and why; None if nothing."""
-        if self._io is None:  # a person has to do something, so it is no fault that ends a trial
-            return Waiting.CONFIGURING, self._failure
-        if not self._fin_is_mounted():
-            return Waiting.FIN, f"mount the fin: {instruction(Fin.from_parameters(self._values))}"
-        if not self._armed:
-            return Waiting.ARMING, "the driver is not armed: hands off the tail, then activate it"
-        if self._reset_asked:
-            return Waiting.MARK, "bring the fish back to its mark, then call reset again"
-        return None
-
-    def _fin_is_mounted(self) -> bool:
-        return self._mounted is not None and all(self._mounted[name] == self._values[name] for name in FIN_PARAMETERS)
+    def _look(self) -> Standing:
+        return self._states.look(self._device(), time.monotonic())
 
     def publish_state(self, *, anew: bool = False) -> None:
         """Publish the state if it has changed, or in any case; with a new stamp unless a swim goes on."""
-        state, reason, waiting = self._state()
-        key = (state, reason, waiting, self._swimming_since)
+        standing = self._look()
+        state, reason, waiting = standing.state, standing.reason, standing.waiting
+        key = (standing, self._states.swimming_since)
         if key == self._published and not anew:
             return
         self._published = key
-        begun = self._swimming_since if state is State.SWIMMING else None
+        begun = self._states.swimming_since if state is State.SWIMMING else None
         if begun is None or begun != self._stamp:
             self._stamp = max(self._stamp + 1, begun or time.time_ns())
         details = {"waiting_for": waiting.value if waiting else ""}
         if waiting is Waiting.FIN:
             details |= {f"wanted.{name}": _as_text(self._values[name]) for name in FIN_PARAMETERS}
-        mounted = {name: _as_text(value) for name, value in (self._mounted or {}).items()}
+        mounted = {name: _as_text(value) for name, value in (self._states.mounted or {}).items()}
         plant_state = PlantState(state, self._text("plant"), self._stamp, reason, mounted, details)
         self._state_topic.publish(plant_state_message(plant_state))
 
     def _rest(self, reason: str = "") -> None:
         """Note that the tail swims no more."""
-        self._swimming_since = None
+        self._states.rest(reason)
         self._sent = None
         self._followed = False
-        self._stop_reason = reason
         if self._motion is None:
             return
         rows = np.zeros((self._motion.joints, 4))
@@ -372,25 +340,28 @@ class ServoDriver:
         self._applied = gait
         self._gait_applied.publish(gait_message(gait.rows()))
 
+    def _check(self, values: Mapping[str, Value]) -> None:
+        """Refuse parameters that cannot be, or not now.
+
+        Raises:
+            ValueError: A fin that cannot be, or a ramp that would count from the next swim on only.
+        """
+        Fin.from_parameters(values)
+        name = "drive.ramp_time"
+        if self._io is not None and self._states.swimming_since is not None and values[name] != self._values[name]:
+            msg = f"{name} = {values[name]} s cannot be taken in a swim, which goes on with {self._values[name]} s: "
+            raise ValueError(msg + "stop the gait first")
+
     def _parameters_changed(self, values: Mapping[str, Value]) -> None:
         self._values = dict(values)
+        mounted = self._states.want_fin(values)
         if self._io is not None:
             self._io.set_settings(self._settings())
-            if not self._fin_is_mounted():
+            if not mounted:
                 self._io.stop_tail()
-        if not self._fin_is_mounted():
+        if not mounted:
             self._rest()
         self.publish_state(anew=True)
-
-    def _fin_was_set(self, parameters: list[Parameter]) -> None:
-        """Begin a trial: what an earlier one waited for is asked for anew, so that its answer cannot count twice.
-
-        After an emergency stop the fish is expected back at its mark whatever the next trial is.
-        """
-        fin_was_set = any(parameter.name in FIN_PARAMETERS for parameter in parameters)
-        if fin_was_set and self._reset_asked and not self._mark_owed:
-            self._reset_asked = False
-            self.publish_state(anew=True)
 
     # -- callbacks ---------------------------------------------------------------------------------------------------
 
@@ -410,11 +381,10 @@ class ServoDriver:
             self._gait_since = now
         self._sent = Command(gait, now, self._gait_since)
         self._need_io().mailbox.put(self._sent)
-        if gait.moves and self._swimming_since is None:
-            self._swimming_since = stamp_of(now)
-        elif not gait.moves:
-            self._swimming_since = None
-        self._stop_reason = ""
+        since = self._states.swimming_since
+        self._states.rest()
+        if gait.moves:
+            self._states.swimming_since = stamp_of(now) if since is None else since
         self.publish_state()
         if not gait.same_as(self._applied):
             self._apply(gait)
@@ -428,64 +398,51 @@ class ServoDriver:
         """
         io, motion = self._need_io(), self._motion
         if motion is None:
-            raise DeviceError(self._failure)
+            raise DeviceError(self._states.failure)
         limited = motion.allowed(gait, self._number("limits.sweep"), self._number("limits.frequency"))
         self._counters.clamp(changed=limited != gait)
-        state, reason, _ = self._state()
-        if state not in {State.READY, State.SWIMMING}:
+        standing = self._look()
+        if standing.state not in {State.READY, State.SWIMMING}:
             if not limited.moves:
                 return None
-            msg = f"the plant is in {state}: {reason}"
+            msg = f"the plant is in {standing.state}: {standing.reason}"
             raise ValueError(msg)
         if io.health.phase is Phase.STOPPING:
             msg = "the tail is on its way to neutral: send the gait again"
             raise ValueError(msg)
         return limited
 
-    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        state, reason, waiting = self._state()
-        too_early = waiting in {Waiting.CONFIGURING, Waiting.FIN} or (waiting is Waiting.ARMING and self._reset_asked)
-        if state is State.FAULT or too_early:
-            response.success, response.message = False, reason
-            return response
-        if self._reset_asked:
-            self._reset_asked = self._mark_owed = False
-            response.message = "the fish is at its mark"
-        else:
-            self._reset_asked = True
+    def _on_request_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        answer = self._states.request_reset(self._device(), time.monotonic())
+        if answer.accepted:
             if self._io is not None:
                 self._io.stop_tail()
             self._rest()
-            response.message = "bring the fish back to its mark, then call reset again"
-        self.publish_state(anew=True)
-        response.success = True
-        return response
+        return self._answered(answer, response)
 
     def _on_confirm_fin(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        state, reason, _ = self._state()
-        response.success = state is State.WAITING_FOR_FIN
-        if response.success:
-            self._mounted = {name: self._values[name] for name in FIN_PARAMETERS}
-            response.message = "the fin is mounted"
+        return self._answered(self._states.confirm_fin(self._device(), time.monotonic()), response)
+
+    def _on_confirm_mark(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._answered(self._states.confirm_mark(self._device(), time.monotonic()), response)
+
+    def _answered(self, answer: Answer, response: Trigger.Response) -> Trigger.Response:
+        """Fill in the response; what was accepted begins a state with a stamp of its own."""
+        response.success, response.message = answer.accepted, answer.text
+        if answer.accepted:
             self.publish_state(anew=True)
-        else:
-            response.message = f"no fin is waited for, the plant is in {state}: {reason}"
         return response
 
     def _on_emergency_stop(self, stop: bool) -> str:
         """Stop or release, and return the answer. Called in another thread: `step` tells the rest of the node."""
-        if stop:
-            self._emergency = True  # first, so that no gait is accepted after the cut
-            if (io := self._io) is not None:
-                io.cut()
-            self._emergency_seen = False
-            self._log.error("emergency stop")
-            return "stopped; latched until ~/estop false"
-        if not self._emergency:
-            return "the emergency stop was not latched"
-        self._reset_asked = self._mark_owed = True
-        self._emergency = False
-        return "released; the fish is expected back at its mark"
+        if not stop:
+            return self._states.release().text
+        self._states.emergency = True  # first, so that no gait is accepted after the cut
+        if (io := self._io) is not None:
+            io.cut()
+        self._emergency_seen = False
+        self._log.error("emergency stop")
+        return "stopped; latched until ~/estop false"
 
     # -- work --------------------------------------------------------------------------------------------------------
 
@@ -498,7 +455,7 @@ class ServoDriver:
             self._publish_joint_states(self._io)
             self._follow_phase(self._io)
         self.publish_state()
-        return _ACTIVE_LOOK if self._io is not None and self._armed else _IDLE_LOOK
+        return _ACTIVE_LOOK if self._io is not None and self._states.armed else _IDLE_LOOK
 
     def _follow_phase(self, io: IoThread) -> None:
         """Notice that the tail has stopped by itself, or has not started: no fresh gait, or something of the device."""
@@ -511,7 +468,7 @@ class ServoDriver:
             return
         io.stop_tail()  # it may be about to start: what is said of it here must stay true
         reason = io.health.refusal
-        if not reason and self._swimming_since is not None and io.health.connected:
+        if not reason and self._states.swimming_since is not None and io.health.connected:
             reason = _TIMED_OUT if self._followed else _NOT_STARTED
         if reason:
             self._log.warning(reason)
@@ -541,7 +498,8 @@ class ServoDriver:
         self._stop.close()
 
     def _publish_diagnostics(self) -> None:
-        state, reason, _ = self._state()
+        standing = self._look()
+        state, reason = standing.state, standing.reason
         levels = dict.fromkeys((State.READY, State.SWIMMING), DiagnosticStatus.OK)
         levels[State.FAULT] = DiagnosticStatus.ERROR
         name = self.node.get_fully_qualified_name()

@@ -137,7 +137,7 @@ class Simulator:
         self._held_since: float | None = None
         self._backlog = 0
         self._gaits = node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
-        node.create_service(Trigger, f"~/{topics.RESET_SERVICE}", self._on_reset)
+        node.create_service(Trigger, f"~/{topics.REQUEST_RESET_SERVICE}", self._on_request_reset)
         node.create_timer(1.0, self._publish_diagnostics)
 
     # -- state -------------------------------------------------------------------------------------------------------
@@ -220,7 +220,7 @@ class Simulator:
         if changed:
             self._publish_gait_applied()
 
-    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_request_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._rest()
         self._set_state(State.READY)
         self._publish_gait_applied()
@@ -263,7 +263,7 @@ class Simulator:
             states, records = self._swim(samples)
         except dynamics.StepError as error:
             self._rest()
-            self._set_state(State.FAULT, f"{error}; call reset")
+            self._set_state(State.FAULT, f"{error}; call ~/request_reset")
             self.node.get_logger().error(self._reason)
             return
         bent = np.abs(states[1:, self._hinges])
