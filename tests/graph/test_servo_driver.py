@@ -219,7 +219,7 @@ def test_the_timeout_cannot_be_switched_off_by_a_slip(
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
-def test_a_signal_stops_the_pulses_after_neutral(
+def test_a_signal_stops_the_pulses_and_moves_nothing(
     driver: StartedProcess, client: RobotClient, port: PtyPort, number: signal.Signals
 ) -> None:
     client.make_ready()
@@ -227,7 +227,8 @@ def test_a_signal_stops_the_pulses_after_neutral(
     driver.signal(number)
     assert driver.wait(5.0) == 128 + number
     wait_until(lambda: not pulses(port), 2.0, "silence")
-    assert recorder(port).widths[-1] == 1500.0
+    steps = np.abs(np.diff(recorder(port).widths))
+    assert steps.max() <= 573.0 * 6.0 * 0.02 * 1.05 + 2.0, "no leap to neutral; pulses are whole microseconds"
 
 
 def test_the_emergency_stop_is_at_once_and_latched(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:

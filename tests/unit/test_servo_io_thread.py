@@ -153,7 +153,7 @@ def test_a_dynamixel_stops_by_its_bus_watchdog_when_its_driver_is_gone(tmp_path:
     made.thread._line = None  # as a kill would leave it: not a byte more
     assert line is not None
     wait_until(lambda: made.port.device.tables[1][98] == 0xFF, 1.0, "trip of the watchdog")  # type: ignore[attr-defined]
-    line.close()
+    line.raw.close()
     made.thread.close()
     made.port.close()
 
@@ -436,7 +436,7 @@ def test_a_device_that_is_wrong_leaves_no_thread_and_no_open_port() -> None:
     thread.close()
 
 
-def test_an_unforeseen_failure_still_ends_neutral_and_disabled(recwarn: pytest.WarningsRecorder) -> None:
+def test_an_unforeseen_failure_still_ends_disabled_where_the_tail_stands(recwarn: pytest.WarningsRecorder) -> None:
     del recwarn
     line, reports = Broken(), []  # type: ignore[var-annotated]
     thread, motion = thread_on(line, reports)
@@ -446,10 +446,12 @@ def test_an_unforeseen_failure_still_ends_neutral_and_disabled(recwarn: pytest.W
     hook, threading.excepthook = threading.excepthook, lambda _: None
     try:
         motion.outputs = lambda *_: 1 / 0  # type: ignore[method-assign, assignment]
+        sent = thread.health.ticks
         wait_until(lambda: not thread.alive, 2.0, "the end of the thread")
     finally:
         threading.excepthook = hook
-    assert bytes(line.written[-5:]) == b"\xe9\x5c\x0b\xf7\xff"  # neutral, then the reset
+    assert bytes(line.written[-2:]) == b"\xf7\xff"  # the reset, and no set-point before it
+    assert thread.health.ticks - sent <= 1
     assert line.closed
     assert thread.health.connected is False
     assert any("ZeroDivisionError" in report for report in reports)
@@ -569,7 +571,23 @@ def test_a_back_end_that_cannot_send_any_more_is_disabled_all_the_same(monkeypat
     assert line.closed
     assert (thread.health.connected, thread.health.phase) == (False, Phase.DISARMED)
     assert "unforeseen" in thread.health.reason
-    assert any("while making the device safe: IndexError" in report for report in reports)
+
+
+def test_a_cut_takes_the_force_and_sends_no_set_point_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    del monkeypatch
+    line = Broken()
+    thread, _ = thread_on(line, [])
+    start_armed(thread)
+    for _ in range(5):
+        thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+        before = thread.health.ticks
+        wait_until(lambda before=before: thread.health.ticks > before + 3, 2.0, "set-points")  # type: ignore[misc]
+        thread.cut()
+        ticks = thread.health.ticks
+        assert thread.wait_for({Phase.SILENT}, 2.0)
+        assert thread.health.ticks - ticks <= 1, "a set-point whose frame was on its way"
+        assert bytes(line.written[-2:]) == b"\xf7\xff"
+    thread.close()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

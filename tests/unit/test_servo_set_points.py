@@ -15,7 +15,7 @@ from fin_plant.gait import PAPER_GAIT, Gait, JointDrive, carangiform
 from fin_servo_driver.relay import RelayMotion
 from fin_servo_driver.robot_file import RelayJoint, RelayTiming, ServoJoint
 from fin_servo_driver.set_points import Motion, ServoMotion
-from fin_servo_driver.tail import Command, Phase, Settings, Tail
+from fin_servo_driver.tail import LONGEST_STOP, Command, Phase, Settings, Tail
 
 RATE = 50.0
 PERIOD = 1.0 / RATE
@@ -272,7 +272,35 @@ def test_a_slow_joint_is_led_to_neutral_at_its_own_rate() -> None:
     way = positions(drive(tail, 4.0, 4.0 + slow.stop_time, None))
     assert max(np.abs(np.diff([standing, *way]))) <= 573.0 * 0.3 * PERIOD * 1.001
     assert way[-1] == pytest.approx(1500.0, abs=0.1)
-    assert motion().stop_time == 0.4
+    # At neutral the rate holds a sweep's way (0.5236 rad at 6 rad/s here) beside the fade of 0.3 s and 0.1 s of hold.
+    reachable = motion()._joints[0].reachable
+    assert motion().stop_time == pytest.approx(0.3 + reachable / motion()._joints[0].rate + 0.1)
+
+
+@given(
+    start=st.floats(-0.5, 0.5),
+    rate=st.floats(0.2, 12.0),
+    amplitude=st.floats(0.0, 0.26),
+    bias=st.floats(-0.2, 0.2),
+    frequency=st.floats(0.1, 3.0),
+    ticks=st.integers(1, 150),
+)
+def test_from_wherever_the_tail_starts_every_step_to_rest_keeps_the_rate(
+    start: float, rate: float, amplitude: float, bias: float, frequency: float, ticks: int
+) -> None:
+    joint = replace(JOINT, rate=rate)
+    subject = ServoMotion([joint], PERIOD)
+    tail = armed(None, subject=subject)
+    standing = min(max(joint.centre + joint.units_per_radian * start, joint.lowest), joint.highest)
+    gait = subject.allowed(Gait((JointDrive(amplitude, frequency, 0.0, bias),)), math.radians(15.0), 10.0)
+    tail.command(Command(gait, 0.0), {joint.channel: standing})
+    stop_at = ticks * PERIOD
+    way = positions(drive(tail, 0.0, stop_at, None))
+    tail.stop(stop_at)
+    way += positions(drive(tail, stop_at, stop_at + LONGEST_STOP + 1.0, None))
+    steps = np.abs(np.diff([standing, *way]))
+    assert np.all(steps <= joint.units_per_radian * rate * PERIOD * 1.001 + 1e-6)
+    assert tail.phase is Phase.SILENT
 
 
 def test_a_gait_during_the_stop_is_not_followed() -> None:

@@ -8,7 +8,7 @@ import signal
 import sys
 import traceback
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -52,11 +52,25 @@ class Runnable(Protocol):
         """Leave everything safe; called once on every way out, while publishers still work."""
 
 
+@runtime_checkable
+class Interruptible(Protocol):
+    """A runnable that waits for something in its callbacks."""
+
+    def interrupt(self) -> None:
+        """End such a wait; called in a signal's handler, so it must wait for no lock of the thread it interrupts."""
+
+
 class _Stop:
-    """Remembers the first signal; later ones of the same wave must not break the tear-down."""
+    """Remembers the first signal; later ones of the same wave must not break the tear-down.
+
+    Attributes:
+        signal: Its number, 0 before.
+        interrupted: What is told of it at once.
+    """
 
     def __init__(self) -> None:
         self.signal = 0
+        self.interrupted: Interruptible | None = None
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._note)
         if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under `nohup`
@@ -64,6 +78,8 @@ class _Stop:
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.signal = self.signal or number
+        if self.interrupted is not None:
+            self.interrupted.interrupt()
 
 
 def _refuse_words(program: str, *words: str) -> int | None:
@@ -105,6 +121,7 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
         except ValueError as error:
             print(f"error: {error}", file=sys.stderr)  # noqa: T201
             return EXIT_USAGE
+        stop.interrupted = runnable if isinstance(runnable, Interruptible) else None
         last.callback(runnable.node.destroy_node)
         executor = EventsExecutor()
         last.callback(executor.shutdown)

@@ -1,20 +1,23 @@
 """The thread that alone speaks to the device: reads the mailbox, ticks the tail, sends, listens, reconnects.
 
-The command watchdog ticks here, so that a node that hangs cannot keep the tail moving. On every way out of the thread
-the device is made safe straight through the port.
+The command watchdog ticks here, so that a node that hangs cannot keep the tail moving. A cut ends whatever the thread
+is doing on the line; the next frame takes the force away. So does every way out of the thread, and none of them moves
+the tail: only a tail that is led to rest, tick by tick, goes to neutral.
 """
 
 from __future__ import annotations
 
+import contextlib
+import queue
 import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from fin_servo_driver.backends.backend import Feedback
-from fin_servo_driver.line import DeviceError, Line, LineStalledError
+from fin_servo_driver.line import DeviceError, LineStalledError, Stop, StopAskedError, StoppableLine
 from fin_servo_driver.port import BackOff, is_present
 from fin_servo_driver.tail import Phase, Tail
 
@@ -22,11 +25,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from fin_servo_driver.backends.backend import Backend
+    from fin_servo_driver.line import Line, OpenLine
     from fin_servo_driver.set_points import Motion, Outputs
     from fin_servo_driver.tail import Command, Settings
 
-NEUTRAL_HOLD = 0.1
-"""s between neutral and disabled: five pulses, in which a hobby servo turns 30 degrees and more."""
 STALLED_SECONDS = 0.5
 """s without one frame that got through, after which the line counts as lost."""
 REPEAT_SECONDS = 0.5
@@ -39,6 +41,8 @@ _FAULT_SHOWN = 5.0
 _START_SECONDS = 0.2
 """s for which a start is tried again while the servos do not tell where they stand."""
 _JOIN_SECONDS = 10.0
+_DRAIN_SECONDS = 0.1
+"""s in which the last frames get out before the port is closed."""
 
 
 class _Force(Enum):
@@ -47,19 +51,6 @@ class _Force(Enum):
     RELEASED = "told to disable"
     UNSURE = "enabling or disabling it has not gone through"
     ENABLED = "holds what it is sent"
-
-
-class OpenLine(Line, Protocol):
-    """A line as the port offers it."""
-
-    def is_behind(self) -> bool:
-        """Whether too many bytes wait to go out."""
-
-    def drain(self, timeout: float) -> None:
-        """Wait until everything is out, at most so many s."""
-
-    def close(self) -> None:
-        """Close it."""
 
 
 class Mailbox:
@@ -173,7 +164,8 @@ class IoThread:
         self._open_line = open_line
         self._port = port
         self._report = report
-        self._line: OpenLine | None = None
+        self._line: StoppableLine | None = None
+        self._was_identified = False
         self._force = _Force.RELEASED
         self._disabled_at = 0.0
         self._feedback = Feedback()
@@ -182,7 +174,9 @@ class IoThread:
         self._latenesses: deque[float] = deque(maxlen=_LATENESSES_KEPT)
         self._fault_at = 0.0
         self._asked: deque[tuple[str, float]] = deque()
-        self._wake = threading.Event()
+        self._stop = Stop()
+        self._is_ending = False
+        self._wake: queue.SimpleQueue[None] = queue.SimpleQueue()  # unlike an Event safe in a signal's handler
         self._thread = threading.Thread(target=self._run, name="servo I/O", daemon=False)
 
     # -- called by the node ------------------------------------------------------------------------------------------
@@ -191,7 +185,7 @@ class IoThread:
         """Open and identify the device, then start the thread.
 
         Raises:
-            DeviceError: Port or device are not as configured; nothing stays open.
+            DeviceError: Port or device are not as configured, or a stop was asked for; nothing stays open.
         """
         self._connect()
         self._thread.start()
@@ -209,8 +203,9 @@ class IoThread:
         self._ask("stop")
 
     def cut(self) -> None:
-        """Send neutral and disable at once, within a tick."""
-        self._ask("cut")
+        """Disable at once, whatever is under way: no frame that moves or enables goes out after this has returned."""
+        self._stop.ask()
+        self._wake.put(None)
 
     def set_settings(self, settings: Settings) -> None:
         """Change timeout and ramp; the ramp counts from the next start on."""
@@ -220,7 +215,7 @@ class IoThread:
         """Wait until the tail is in one of the phases; False if it is not after ``timeout`` s."""
         deadline = time.monotonic() + timeout
         while time.monotonic() < deadline and self._thread.is_alive():
-            if self.health.phase in phases and not self._asked:
+            if self.health.phase in phases and not self._asked and not self._stop.asked:
                 return True
             time.sleep(0.002)
         return self.health.phase in phases
@@ -231,9 +226,15 @@ class IoThread:
         self._latenesses.clear()
         return kept
 
+    def end(self) -> None:
+        """Ask the thread to disable the device and end, whatever is under way; a signal's handler may call it."""
+        self._is_ending = True
+        self._stop.ask()
+        self._wake.put(None)
+
     def close(self) -> None:
-        """End the thread; it makes the device safe and closes the port."""
-        self._ask("quit")
+        """End the thread; it disables the device and closes the port."""
+        self.end()
         if self._thread.ident is not None:
             self._thread.join(_JOIN_SECONDS)
         if self._line is not None:  # the thread was never started, or hangs
@@ -251,7 +252,7 @@ class IoThread:
 
     def _ask(self, what: str) -> None:
         self._asked.append((what, time.monotonic()))
-        self._wake.set()
+        self._wake.put(None)
 
     # -- the thread --------------------------------------------------------------------------------------------------
 
@@ -264,20 +265,26 @@ class IoThread:
                 now = time.monotonic()
                 if not self._obey():
                     return
-                if self._line is None:
-                    self._reconnect(now)
-                    due = time.monotonic()
-                elif now >= due:
-                    due = self._on_time(now, due, period)
-                    self._guarded_tick(now)
+                with contextlib.suppress(StopAskedError):  # `_obey` carries it out
+                    if self._line is None:
+                        self._reconnect(now)
+                        due = time.monotonic()
+                    elif now >= due:
+                        due = self._on_time(now, due, period)
+                        self._guarded_tick(now)
                 self._publish_health()
-                self._wake.wait(max(0.0, due - time.monotonic()) if self._line else _IDLE_LOOK)
+                self._sleep(max(0.0, due - time.monotonic()) if self._line else _IDLE_LOOK)
         except Exception as error:
             reason = f"the driver's I/O thread has failed: {error!r}"
             self._report(reason)
             raise
         finally:
             self._end(reason)
+
+    def _sleep(self, seconds: float) -> None:
+        """Wait until somebody asks for something, at most so long."""
+        with contextlib.suppress(queue.Empty):
+            self._wake.get(timeout=seconds)
 
     def _end(self, reason: str) -> None:
         """Make the device safe, close the port and say so; each step is done whatever becomes of the others."""
@@ -301,7 +308,15 @@ class IoThread:
 
     def _obey(self) -> bool:
         """Do what the node has asked for; return False to end. Commands received before it count no more."""
-        self._wake.clear()
+        while not self._wake.empty():
+            self._wake.get_nowait()
+        if self._is_ending:
+            return False
+        if self._stop.asked:
+            self._stop.begin()
+            self._tail.cut(time.monotonic())
+            self._make_safe()
+            self._publish_health()
         while self._asked:
             what, asked_at = self._asked.popleft()
             self._tail.refuse_before(asked_at)
@@ -313,11 +328,6 @@ class IoThread:
                     self._tail.disarm(now)
                 case "stop":
                     self._tail.stop(now)
-                case "cut":
-                    self._tail.cut(now)
-                    self._make_safe(hold=0.0)
-                case "quit":
-                    return False
             self._publish_health()
         return True
 
@@ -325,6 +335,8 @@ class IoThread:
         try:
             self._tick(now)
             self._last_good = now
+        except StopAskedError:
+            raise
         except LineStalledError as error:
             self.health = replace(self.health, dropped=self.health.dropped + 1)
             self._note_fault(str(error))
@@ -348,7 +360,7 @@ class IoThread:
         elif (outputs := self._tail.tick(now)) is not None:
             self._send(line, outputs)
         elif self._force is not _Force.RELEASED:
-            self._settle(line)
+            self._disable(line)  # until that has worked it is tried at each tick
         elif not self._backend.confirms and now - self._disabled_at >= REPEAT_SECONDS:
             self._disable(line)
         self._listen(line, now)
@@ -377,33 +389,42 @@ class IoThread:
                 return f"joint {number} stands at {position:g}, outside {allowed}: bring the tail inside by hand"
         return ""
 
-    def _enable(self, line: OpenLine) -> None:
+    def _enable(self, line: StoppableLine) -> None:
         _refuse_if_behind(line)
         self._force = _Force.UNSURE  # what fails half-way is done anew, or disabled
         self._backend.enable(line, self._motion.neutral())
+        if self._backend.measures:
+            self._stand(line)
         self._force = _Force.ENABLED
 
-    def _disable(self, line: OpenLine) -> None:
+    def _stand(self, line: StoppableLine) -> None:
+        """Begin from where the servos hold now; until they had force somebody may have moved them.
+
+        Raises:
+            LineStalledError: They do not tell.
+        """
+        self._feedback = self._backend.read(line)
+        if refusal := self._cannot_start():
+            raise LineStalledError(refusal)
+        self._motion.stand_at(self._feedback.positions)
+
+    def _disable(self, line: Line) -> None:
         self._force = _Force.UNSURE
         self._backend.disable(line)
         self._force = _Force.RELEASED
         self._disabled_at = time.monotonic()
 
-    def _send(self, line: OpenLine, outputs: Outputs) -> None:
-        _refuse_if_behind(line)
-        self._backend.send(line, outputs)
+    def _send(self, line: StoppableLine, outputs: Outputs) -> None:
+        try:
+            _refuse_if_behind(line)
+            self._backend.send(line, outputs)
+        except DeviceError:
+            self._motion.not_sent()
+            raise
+        self._motion.sent(time.monotonic())
         self.health = replace(self.health, ticks=self.health.ticks + 1)
 
-    def _settle(self, line: OpenLine) -> None:
-        """Give the servo its neutral, then take its force; until that has worked it is tried at each tick."""
-        try:
-            if self._force is _Force.ENABLED:
-                self._backend.send(line, self._motion.neutral())
-                line.drain(NEUTRAL_HOLD)
-        finally:
-            self._disable(line)
-
-    def _listen(self, line: OpenLine, now: float) -> None:
+    def _listen(self, line: StoppableLine, now: float) -> None:
         self._feedback = feedback = self._backend.read(line)
         if feedback.voltage is not None or feedback.temperature is not None:
             self.health = replace(self.health, voltage=feedback.voltage, temperature=feedback.temperature)
@@ -426,14 +447,20 @@ class IoThread:
     # -- the line ----------------------------------------------------------------------------------------------------
 
     def _connect(self) -> None:
-        line = self._open_line()
+        line = StoppableLine(self._open_line(), self._stop)
         try:
             identity = self._backend.identify(line)
             self._disable(line)  # whatever an earlier driver, or this one before the cable was out, has left
-        except BaseException:
-            line.close()
+        except BaseException as error:
+            # One servo of several may be missing, or somebody has cut: none may keep force, not one that an earlier
+            # driver has left either. Otherwise a device that has never been the right one is left alone.
+            cut = isinstance(error, StopAskedError) and not self._is_ending
+            if self._was_identified or cut:
+                self._attempt(lambda: self._disable(line.raw))
+            line.raw.close()
             raise
         self._line = line
+        self._was_identified = True
         self._last_good = time.monotonic()
         self.health = replace(
             self.health, connected=True, identity=identity, reason="", fault="", connected_since=time.monotonic()
@@ -444,6 +471,8 @@ class IoThread:
             return
         try:
             self._connect()
+        except StopAskedError:
+            raise
         except DeviceError as error:
             self._back_off.failed(time.monotonic())
             self.health = replace(self.health, reason=str(error))
@@ -454,26 +483,18 @@ class IoThread:
         self._report(f"reconnected: {self.health.identity}; the tail waits for a fresh gait")
 
     def _lose(self, reason: str) -> None:
-        self._make_safe(hold=0.0)
+        self._make_safe()
         self._disconnect()
         self._tail.cut(time.monotonic())
         self._back_off.restart(time.monotonic())
         self.health = replace(self.health, connected=False, reason=reason)
         self._report(reason)
 
-    def _make_safe(self, hold: float = NEUTRAL_HOLD) -> None:
-        """Send neutral and disable straight to the port; what fails is reported and does not stop the rest.
-
-        What could not be disabled is tried again at the next tick.
-        """
+    def _make_safe(self) -> None:
+        """Disable straight through the port; a failure is reported, and it is tried again at the next tick."""
         line = self._line
-        if line is None:
-            return
-        if self._force is _Force.ENABLED:
-            self._attempt(lambda: self._backend.send(line, self._motion.neutral()))
-            time.sleep(hold)
-        self._attempt(lambda: self._disable(line))
-        self._attempt(lambda: line.drain(NEUTRAL_HOLD))
+        if line is not None:
+            self._attempt(lambda: self._disable(line.raw))
 
     def _attempt(self, work: Callable[[], None]) -> None:
         """Do it; report a failure of any kind."""
@@ -485,9 +506,10 @@ class IoThread:
             self._report(f"while making the device safe: {error!r}")
 
     def _disconnect(self) -> None:
-        if self._line is not None:
-            self._line.close()
+        if (line := self._line) is not None:
             self._line = None
+            self._attempt(lambda: line.raw.drain(_DRAIN_SECONDS))
+            line.raw.close()
 
     def _publish_health(self) -> None:
         operations = getattr(self._motion, "operations", {})
@@ -502,7 +524,7 @@ class IoThread:
         )
 
 
-def _refuse_if_behind(line: OpenLine) -> None:
+def _refuse_if_behind(line: StoppableLine) -> None:
     """Write nothing more to a line whose buffer is full of the past.
 
     Raises:

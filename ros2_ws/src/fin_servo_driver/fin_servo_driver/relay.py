@@ -81,7 +81,8 @@ class RelaySwitch:
 class RelayMotion:
     """A tail of relays. A change of gait is ramped: the one beat's strokes get shorter while the other's get longer."""
 
-    stop_time = 0.0
+    hold_time = fade_time = stop_time = 0.0
+    at_neutral = True  # a relay that is switched off is at rest at once
 
     def __init__(self, joints: Sequence[RelayJoint], timing: RelayTiming, period: float) -> None:
         """Start with all relays off; ``period`` is the time in s between two looks."""
@@ -156,6 +157,15 @@ class RelayMotion:
             result[joint.left] = float(switch.level == LEFT)
             result[joint.right] = float(switch.level == RIGHT)
         return result
+
+    def sent(self, at: float) -> None:
+        """Take no note: no rate is to be kept."""
+
+    def not_sent(self) -> None:
+        """Take no note: what a relay was not sent is sent anew by the back end."""
+
+    def stand_at(self, measured: Mapping[int, float]) -> None:
+        """Take no note: nothing is measured on relays."""
 
     def neutral(self) -> Outputs:
         """Return all off."""

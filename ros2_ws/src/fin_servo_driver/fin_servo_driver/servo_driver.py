@@ -490,6 +490,11 @@ class ServoDriver:
         """Return None: a plant runs until it is stopped."""
         return None
 
+    def interrupt(self) -> None:
+        """Disable the device and end whatever waits for it; called in a signal's handler, `close` follows."""
+        if (io := self._io) is not None:
+            io.end()
+
     def close(self) -> None:
         """Make the device safe, straight to the port."""
         if self._io is not None:

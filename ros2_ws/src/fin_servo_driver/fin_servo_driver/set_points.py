@@ -18,6 +18,15 @@ if TYPE_CHECKING:
 
 _LATE_PERIODS = 3.0
 """A gait that is later than this when its first set-point is sent is ramped from then on."""
+_SENDING = 1.05
+"""A set-point is computed a little before it is sent. Where that takes long the rate holds between the frames as they
+are sent, to this factor, and not only between the moments for which they were computed."""
+_SHORTEST_FADE = 0.3
+"""s in which a gait fades where the joints' rates allow it."""
+_FADE_FOR_WAY = 1.5
+"""The gait of a tail that needs longer than that to neutral fades in so many times the time of its way."""
+_HOLD = 0.1
+"""s at neutral before the force is taken away: five pulses, in which a hobby servo turns 30 degrees and more."""
 
 Outputs = dict[int, float]
 """What is sent to each channel: a position in the device's unit, or 1 and 0 for a relay on and off."""
@@ -29,12 +38,24 @@ class Motion(Protocol):
     Attributes:
         angles: Of the joints as last sent, rad.
         limited: How many set-points a limit has changed.
-        stop_time: s in which the tail returns to neutral when its commander is gone.
+        hold_time: s for which a tail that is led to rest stays at neutral.
     """
 
     angles: list[float]
     limited: int
-    stop_time: float
+    hold_time: float
+
+    @property
+    def fade_time(self) -> float:
+        """Time in s in which the gait fades from where the tail stands now."""
+
+    @property
+    def stop_time(self) -> float:
+        """Time in s within which the tail is led to rest from where it stands; ticks that are late come on top."""
+
+    @property
+    def at_neutral(self) -> bool:
+        """Whether neutral was the last that was sent."""
 
     @property
     def joints(self) -> int:
@@ -52,6 +73,15 @@ class Motion(Protocol):
     def outputs(self, now: float, scale: float) -> Outputs:
         """Return what to send at ``now`` s; ``scale`` goes from 1 to 0 while the tail is stopped."""
 
+    def sent(self, at: float) -> None:
+        """Note that the last outputs were sent by ``at`` s."""
+
+    def not_sent(self) -> None:
+        """Note that the last outputs were not sent: the tail still stands where it stood before."""
+
+    def stand_at(self, measured: Mapping[int, float]) -> None:
+        """Note where the servos stand, by the positions measured on the channels; neutral where none is."""
+
     def neutral(self) -> Outputs:
         """Return what straightens the tail."""
 
@@ -62,18 +92,17 @@ class Motion(Protocol):
 class ServoMotion:
     """A tail of servos."""
 
-    def __init__(self, joints: Sequence[ServoJoint], period: float, stop_time: float = 0.4) -> None:
+    hold_time = _HOLD
+
+    def __init__(self, joints: Sequence[ServoJoint], period: float) -> None:
         """Start at neutral.
 
         Args:
             joints: Calibration and limits, from the head to the tail.
             period: s between two set-points.
-            stop_time: s in which the tail returns to neutral when its commander is gone; a joint whose rate does not
-                allow that gets twice the time of its way.
         """
         self.angles = [0.0] * len(joints)
         self.limited = 0
-        self.stop_time = max(stop_time, *(2.0 * joint.reachable / joint.rate for joint in joints))
         self._joints = tuple(joints)
         self._period = period
         self._limiters = [SetPointLimiter(joint, 2.0 * period) for joint in joints]
@@ -81,11 +110,35 @@ class ServoMotion:
         self._late_start = -math.inf
         self._since: float | None = None
         self._last: float | None = None
+        self._sent_at = -math.inf
+        self._before: tuple[list[float], float | None] = (list(self.angles), None)
 
     @property
     def joints(self) -> int:
         """Number of driven joints."""
         return len(self._joints)
+
+    @property
+    def _way(self) -> float:
+        """Time in s that the tail needs to neutral from where it stands, each joint at its rate."""
+        pairs = zip(self.angles, self._joints, strict=True)
+        return max(abs(angle) / joint.rate for angle, joint in pairs)
+
+    @property
+    def fade_time(self) -> float:
+        """Time in s in which the gait fades from where the tail stands now."""
+        return max(_SHORTEST_FADE, _FADE_FOR_WAY * self._way)
+
+    @property
+    def stop_time(self) -> float:
+        """Time in s within which the tail is led to rest from where it stands, wherever the fading gait pulls it to."""
+        farthest = max(joint.reachable / joint.rate for joint in self._joints)
+        return self.fade_time + max(self._way, farthest) + self.hold_time
+
+    @property
+    def at_neutral(self) -> bool:
+        """Whether neutral was the last that was sent."""
+        return not any(self.angles)
 
     def allowed(self, gait: Gait, sweep: float, highest_frequency: float) -> Gait:
         """Return the gait inside every joint's limits: angle, range of the servo, frequency, and rate.
@@ -110,9 +163,13 @@ class ServoMotion:
         self._follower = GaitFollower(len(self._joints), ramp_time)
         self._late_start = -math.inf
         self._since = self._last = None
+        self.stand_at(measured)
+
+    def stand_at(self, measured: Mapping[int, float]) -> None:
+        """Note where the servos stand, by the positions measured on the channels; neutral where none is."""
         for index, (limiter, joint) in enumerate(zip(self._limiters, self._joints, strict=True)):
-            known = joint.channel in measured
-            self.angles[index] = joint.angle_at(measured[joint.channel]) if known else 0.0
+            angle = joint.angle_at(measured.get(joint.channel, joint.centre))
+            self.angles[index] = angle if math.isfinite(angle) else 0.0
             limiter.restart(self.angles[index])
 
     def command(self, gait: Gait, time: float) -> None:
@@ -124,7 +181,8 @@ class ServoMotion:
         """Return the position of each channel at ``now`` s."""
         if self._last is None and self._since is not None and now - self._since > _LATE_PERIODS * self._period:
             self._late_start = now
-        elapsed = self._period if self._last is None else now - self._last
+        elapsed = self._period if self._last is None else min(now - self._last, _SENDING * (now - self._sent_at))
+        self._before = (list(self.angles), self._last)
         self._last = now
         wanted = self._late_ramp(now) * self._follower.motion([now])[0, :, 0]
         result: Outputs = {}
@@ -134,6 +192,17 @@ class ServoMotion:
             self.angles[index] = set_point.angle
             result[joint.channel] = set_point.position
         return result
+
+    def sent(self, at: float) -> None:
+        """Note that the last outputs were sent by ``at`` s."""
+        self._sent_at = at
+
+    def not_sent(self) -> None:
+        """Note that the last outputs were not sent: the tail still stands where it stood before."""
+        angles, self._last = self._before
+        self.angles[:] = angles
+        for limiter, angle in zip(self._limiters, angles, strict=True):
+            limiter.restart(angle)
 
     def _late_ramp(self, now: float) -> float:
         """Return a factor from 0 to 1: the tail starts late from rest, and the gait keeps the phase it has by then."""

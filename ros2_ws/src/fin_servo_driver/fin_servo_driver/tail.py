@@ -1,10 +1,13 @@
 """What the tail does from tick to tick: silent until armed, moving while commanded, neutral and then silent otherwise.
 
+Every way to rest goes to neutral within the joints' rates, from where the tail stands, or moves nothing at all.
+
 Nothing here knows ROS, a port or a clock; the I/O thread hands in the time and sends what comes out.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -21,8 +24,8 @@ if TYPE_CHECKING:
     from fin_servo_driver.set_points import Motion, Outputs
 
 
-_FADE_PART = 0.75
-"""Of the time in which the tail is stopped; in the rest it is held at neutral, so that the servo gets there."""
+LONGEST_STOP = 10.0
+"""s. A tail that cannot be led to neutral within it loses its force where it stands."""
 
 
 class Phase(StrEnum):
@@ -78,7 +81,8 @@ class Tail:
         self.timeouts = 0
         self._motion = motion
         self._watchdog = CommandWatchdog()
-        self._stop_begin = 0.0
+        self._stop_begin = self._fade = 0.0
+        self._neutral_since = math.inf
         self._disarm_next = False
         self._not_before = -float("inf")
 
@@ -99,11 +103,15 @@ class Tail:
             self.phase = Phase.DISARMED
 
     def stop(self, now: float) -> None:
-        """Lead the tail to neutral, then fall silent."""
+        """Lead the tail to neutral from where it stands, then fall silent; at once if that would take too long."""
         self._watchdog.forget()
-        if self.phase is Phase.FOLLOWING:
-            self.phase = Phase.STOPPING
-            self._stop_begin = now
+        if self.phase is not Phase.FOLLOWING:
+            return
+        if self._motion.stop_time > LONGEST_STOP:
+            self.cut(now)
+            return
+        self.phase = Phase.STOPPING
+        self._stop_begin, self._fade, self._neutral_since = now, self._motion.fade_time, math.inf
 
     def refuse_before(self, time: float) -> None:
         """Let commands count no more that were received before ``time`` s: somebody has asked for something since."""
@@ -149,9 +157,13 @@ class Tail:
 
     def _stopping(self, now: float) -> Outputs | None:
         elapsed = max(now - self._stop_begin, 0.0)  # it may have been asked after the tick had looked at the clock
-        if not elapsed < self._motion.stop_time:
+        has_faded = not elapsed < self._fade
+        if has_faded and self._motion.at_neutral:
+            self._neutral_since = min(self._neutral_since, now)
+        # Only what was sent counts as neutral: a joint that has not got there in time is left where it stands.
+        if not now - self._neutral_since < self._motion.hold_time or not elapsed < LONGEST_STOP:
             self.cut(now)
             return None
-        scale = 1.0 - float(smooth_step(np.array(elapsed / (_FADE_PART * self._motion.stop_time)))[0])
+        scale = 0.0 if has_faded else 1.0 - float(smooth_step(np.array(elapsed / self._fade))[0])
         # Never quite 1, so that a tail of relays knows that it is being stopped.
         return self._motion.outputs(now, min(scale, 0.999))

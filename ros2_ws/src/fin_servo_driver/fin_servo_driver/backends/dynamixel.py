@@ -57,6 +57,8 @@ _RETURN_DELAY, _ADAPTER_DELAY = 0.0005, 0.001
 """s: of a servo as it is bought, and of a USB adapter that hands bytes on at once."""
 _LOAD, _LOAD_AT_WORST = 0.8, 0.9
 """Part of a tick that questions and answers take by calculation, and for which answers are waited for."""
+_QUIET = 0.003
+"""s without a byte after which no answer comes any more: an adapter's delay and some servos' return delays."""
 _PATIENCE_AT_REST = 0.02
 """s beyond the time of the bytes, where no tick waits: also for an adapter that hands bytes on late."""
 
@@ -161,6 +163,7 @@ class Dynamixel(Backend):
         self._heard: dict[int, float] = {}
         self._asked_health = 0.0
         self._turn = 0
+        self._is_asking = False
 
     def identify(self, line: Line) -> str:
         """Ping every id, and see to it that it is in position mode."""
@@ -242,6 +245,7 @@ class Dynamixel(Backend):
 
         A packet of another length is a late answer to another question, and passed over.
         """
+        self._is_asking = True
         found: dict[int, bytes] = {}
         while len(found) < len(servos) and not port.isPacketTimeout():
             packet, result = self._packets.rxPacket(port, False)  # noqa: FBT003 - the SDK's own
@@ -249,6 +253,7 @@ class Dynamixel(Backend):
                 continue
             if packet[_LENGTH_AT] | packet[_LENGTH_AT + 1] << 8 == length + _LENGTH_BESIDE_DATA:
                 found[packet[_ID_AT]] = bytes(packet[_ERROR_AT : _ERROR_AT + 1 + length])
+        self._is_asking = False
         return found
 
     # -- the tail ----------------------------------------------------------------------------------------------------
@@ -265,30 +270,51 @@ class Dynamixel(Backend):
 
     def send(self, line: Line, outputs: Outputs) -> None:
         """Write all goal positions in one packet."""
-        group = GroupSyncWrite(self._open(line), self._packets, *GOAL_POSITION)
-        for servo, position in outputs.items():
-            group.addParam(servo, list(round(position).to_bytes(4, "little")))
+        self._write_together(line, GOAL_POSITION, {servo: round(position) for servo, position in outputs.items()})
+
+    def _write_together(self, line: Line, register: tuple[int, int], values: Mapping[int, int]) -> None:
+        """Write a register of several servos in one packet, which none of them answers.
+
+        Raises:
+            LineStalledError: It was not sent.
+        """
+        address, length = register
+        group = GroupSyncWrite(self._open(line), self._packets, address, length)
+        for servo, value in values.items():
+            group.addParam(servo, list(value.to_bytes(length, "little")))
         result = group.txPacket()
         if result != COMM_SUCCESS:
-            msg = f"the goal positions were not sent: {self._packets.getTxRxResult(result)}"
+            msg = f"{dict(values)} for address {address} were not sent: {self._packets.getTxRxResult(result)}"
             raise LineStalledError(msg)
 
     def disable(self, line: Line) -> None:
-        """Switch the torque off, of all servos even if one of them does not answer.
+        """Switch the torque of all servos off in one packet, then ask each of them whether it has.
 
         Raises:
             LineStalledError: One did not confirm it.
         """
         self._under_force = False
-        failures = []
-        for servo in self._servos:
-            try:
-                self._write(line, servo, TORQUE_ENABLE, 0)
-                self._write(line, servo, BUS_WATCHDOG, 0)
-            except LineStalledError as error:
-                failures.append(str(error))
-        if failures:
-            raise LineStalledError("; ".join(failures))
+        off = dict.fromkeys(self._servos, 0)
+        self._write_together(line, TORQUE_ENABLE, off)
+        if self._is_asking:
+            # On a two-wire line the packet may have met answers to a question that was cut short: once more when they
+            # are through.
+            self._let_answers_pass(line)
+            self._write_together(line, TORQUE_ENABLE, off)
+        self._write_together(line, BUS_WATCHDOG, off)
+        told = self._read(line, self._servos, TORQUE_TO_HARDWARE_ERROR)
+        unsure = [servo for servo in self._servos if servo not in told or told[servo][0] != 0]
+        if unsure:
+            servos = ", ".join(map(str, unsure))
+            msg = f"id {servos} did not confirm that the torque is off; has it power?"
+            raise LineStalledError(msg)
+
+    def _let_answers_pass(self, line: Line) -> None:
+        """Read away what comes until nothing does, for as long as answers to one question take at most."""
+        deadline = time.monotonic() + self._wait
+        while time.monotonic() < deadline and line.read(_QUIET):
+            pass
+        self._is_asking = False
 
     def read(self, line: Line) -> Feedback:
         """Read all positions; once a second also whether the servos have force, their errors, voltage, temperature.
