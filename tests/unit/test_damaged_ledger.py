@@ -196,7 +196,7 @@ CHANGES: list[tuple[Callable[[Path], None], str]] = [
     (no_journal, "and had 28: the last 28 are missing"),
     (empty_journal, "and had 28: the last 28 are missing"),
     (no_journal_nor_its_end, r"is missing, but 5 bags of later trials lie beside it \(trial_0000_.* to trial_0004_"),
-    (shorter_journal, r"knows 4 trials, but 1 bags of later trials lie beside it \(trial_0004"),
+    (shorter_journal, r"knows 4 trials, but the bag of a later trial lies beside it \(trial_0004"),
     (journal_of_another_study, "check sum of line 1 does not fit line 1 and the study's settings"),
 ]
 

@@ -671,11 +671,13 @@ def _ledger(folder: Path, settings: Settings) -> tuple[JournalStorage, list[optu
         raise StudyError(msg) from error
     beyond = [name for number, name in bags if number >= len(trials)]
     if beyond:
-        which = beyond[0] if len(beyond) == 1 else f"{beyond[0]} to {beyond[-1]}"
+        lie = f"{len(beyond)} bags of later trials lie beside it ({beyond[0]} to {beyond[-1]})"
+        if len(beyond) == 1:
+            lie = f"the bag of a later trial lies beside it ({beyond[0]})"
         knows = f"knows {len(trials)} trials" if lines.count else "is empty" if lines.journal.exists() else "is missing"
         msg = (
-            f"{lines.journal} {knows}, but {len(beyond)} bags of later trials lie beside it ({which}): restore the "
-            "journal from a copy, or move these bags elsewhere to go on without them"
+            f"{lines.journal} {knows}, but {lie}: restore the journal from a copy, or move what lies beside it "
+            "elsewhere to go on without it"
         )
         raise StudyError(msg)
     return storage, trials, lines
