@@ -19,7 +19,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.backends.modbus import Modbus
-from fin_servo_driver.line import LineStalledError
+from fin_servo_driver.line import LineStalledError, WrongDeviceError
 from fin_servo_driver.port import SerialLine
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def test_relays_switch_on_and_off_as_a_foreign_client_reads_them(board: str) -> 
         assert "Modbus relays, unit 1" in subject.identify(line)
         subject.enable(line, {0: 0.0, 1: 0.0})
         subject.send(line, dict(outputs))
-        time.sleep(subject.robot.timing.dead_time)
+        time.sleep(max(subject.robot.timing.dead_time, subject.robot.timing.shortest_on))
         subject.send(line, dict(outputs))
         line.close()
         assert read_with_somebody_elses_client(board) == expected
@@ -144,7 +144,8 @@ def test_another_unit_is_not_taken_for_ours(board: str) -> None:
     line = SerialLine(board, 9600)
     other = backends.make(robot)
     # This server answers for every unit that is asked for, with a refusal.
-    assert "unit 9" in other.identify(line)
+    with pytest.raises(WrongDeviceError, match=r"unit 9 does not tell its coils .* is options: unit right"):
+        other.identify(line)
     with pytest.raises(LineStalledError, match=r"unit 9 did not switch relay 0: .* check options: unit"):
         other.disable(line)
     line.close()

@@ -264,4 +264,5 @@ def test_garbage_never_breaks_a_parser(chunks: list[bytes]) -> None:
     for chunk in chunks:
         ours.feed(chunk)
         theirs.feed(chunk)
-        modbus.answer_in(chunk, 1)
+        modbus.answer_in(chunk, modbus.read_coils(1, 0, 8))
+        modbus.answer_in(chunk, modbus.write_coil(1, 0, 0))

@@ -73,6 +73,7 @@ def test_nothing_comes_on_in_a_step_in_which_something_could_not_be_switched_off
     now[0] += 1.0
     subject.send(line, {**ALL_OFF, 1: 1.0})
     line.taken()
+    now[0] += 0.2
     line.deaf = {1}
     with pytest.raises(LineStalledError):
         subject.send(line, {**ALL_OFF, 2: 1.0, 3: 1.0})

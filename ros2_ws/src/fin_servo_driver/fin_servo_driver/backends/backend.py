@@ -19,6 +19,17 @@ if TYPE_CHECKING:
     from fin_servo_driver.set_points import Outputs
 
 
+BITS_A_BYTE = 10
+"""On the line, with a start bit and a stop bit."""
+
+
+ONLY_AN_ECHO = "only an echo of what was sent came back: the adapter hears itself, and no device on its wires answers"
+HEARS_ITSELF = (
+    "what is sent comes back before its answer: the adapter hears itself, which is supported on RS-485 only "
+    "(dynamixel, modbus); use separate wires for both directions"
+)
+
+
 @dataclass(frozen=True)
 class Feedback:
     """What a device reported.
@@ -159,17 +170,25 @@ class Backend(ABC):
 
 
 class RelayBackend(Backend):
-    """A board of relays: on and off for one channel at a time, sent on change."""
+    """A board of relays: on and off for one channel at a time, sent on change.
+
+    Dead time and shortest on-time are kept at the board: a frame counts from when it is sure to have got there until
+    the next one is sent, not from when it was decided on.
+    """
 
     drives = "relays"
     unit = "on"
     rate = 100.0
+    frame_bytes: ClassVar[int]
+    """Of a frame that switches one relay."""
 
     def __init__(self, robot: Robot) -> None:
         """Take the robot's joints."""
         super().__init__(robot)
         self._on: Outputs = {}
+        self._on_since: dict[int, float] = {}
         self._off_since: dict[int, float] = {}
+        self._line_free_at = 0.0
         self._partner = {a: b for joint in robot.relays for a, b in (joint.channels, joint.channels[::-1])}
 
     def enable(self, line: Line, neutral: Outputs) -> None:
@@ -180,16 +199,31 @@ class RelayBackend(Backend):
     def send(self, line: Line, outputs: Outputs) -> None:
         """Switch what has changed: first off, then on.
 
-        A relay comes on only a dead time after its partner's "off" was sent, and the next call tries again: the frame
-        counts, not when it was meant to be sent, because a line may be behind and a frame may be lost.
+        A relay goes off only when it was on for its shortest time, and comes on only a dead time after its partner's
+        "off"; what has to wait is tried again at the next call.
         """
         changed = {channel: value for channel, value in outputs.items() if self._on.get(channel) != value}
-        self._switch_off(line, [channel for channel, value in changed.items() if value <= 0.0])
+        ends = [channel for channel, value in changed.items() if value <= 0.0 and self._was_on_long_enough(channel)]
+        self._switch_off(line, ends)
         for channel, value in changed.items():
             if value > 0.0 and self._partner_rests(channel):
                 self._on.pop(channel, None)  # not known until the frame is out
                 self.switch(line, channel, on=True)
                 self._on[channel] = value
+                self._on_since[channel] = self._arrived_by()
+
+    def _was_on_long_enough(self, channel: int) -> bool:
+        on_for = time.monotonic() - self._on_since.get(channel, -math.inf)
+        return self._on.get(channel) is None or on_for >= self.robot.timing.shortest_on
+
+    def _arrived_by(self) -> float:
+        """Return when the frame that was written just now has reached the board at the latest, s of monotonic time.
+
+        The bytes written before it go first; a port takes them all at once.
+        """
+        seconds = self.frame_bytes * BITS_A_BYTE / (self.robot.baud or self.baud)
+        self._line_free_at = max(self._line_free_at, time.monotonic()) + seconds
+        return self._line_free_at
 
     def _partner_rests(self, channel: int) -> bool:
         partner = self._partner[channel]
@@ -217,8 +251,9 @@ class RelayBackend(Backend):
                 failures.append(str(error))
                 continue
             self._on[channel] = 0.0
+            arrived = self._arrived_by()
             if not was_off:
-                self._off_since[channel] = time.monotonic()
+                self._off_since[channel] = arrived
         if failures:
             raise LineStalledError("; ".join(failures))
 

@@ -3,16 +3,21 @@
 Frames: Firmata protocol 2.5, "servos" and "message types". The firmware goes on pulsing the last value for ever when
 the host falls silent; only a system reset (FF) stops it.
 
+A banner is always the same, so it proves nothing: what only a board can know is which of 128 pins it was asked for
+just now. It tells the state of a pin (F0 6E pin mode state F7) when asked for it (F0 6D pin F7). It confirms nothing
+of a reset: `disable` is repeated.
+
 Between F0 and F7 (a sysex message) the firmware takes every byte for data, FF too, and the 65th overruns its memory. A
 message whose F7 was lost must not do that: what is written begins with F7, which outside a message means nothing.
 """
 
 from __future__ import annotations
 
+import random
 import time
 from typing import TYPE_CHECKING
 
-from fin_servo_driver.backends.backend import NOTHING, Backend, Feedback, LifeSign
+from fin_servo_driver.backends.backend import HEARS_ITSELF, NOTHING, ONLY_AN_ECHO, Backend, Feedback, LifeSign
 from fin_servo_driver.line import LineLostError, WrongDeviceError
 
 if TYPE_CHECKING:
@@ -36,6 +41,12 @@ _LAST_SHORT_PIN = 15
 _VERSION = 0xF9
 _START_SYSEX, _END_SYSEX, _EXTENDED_ANALOG, _SERVO_CONFIG, _STRING = 0xF0, END_SYSEX[0], 0x6F, 0x70, 0x71
 _FIRMWARE = 0x79
+_ASK_PIN, _PIN = 0x6D, 0x6E
+_PINS = 128
+_PINS_ASKED = 4
+"""To identify the board."""
+_PIN_SECONDS = 0.25
+_TRIES = 3
 _NAMELESS = 5
 """Bytes of ``F0 79 major minor F7``: a firmware's name follows the numbers, in garbage hardly ever."""
 _STATUS = 0x80
@@ -66,6 +77,11 @@ def pulse(pin: int, microseconds: int) -> bytes:
     return bytes((_START_SYSEX, _EXTENDED_ANALOG, pin, *_pair(microseconds), _END_SYSEX))
 
 
+def ask_pin(pin: int) -> bytes:
+    """Return the frame that asks for the state of a pin, one that the board has or not: ``F0 6D pin F7``."""
+    return bytes((_START_SYSEX, _ASK_PIN, pin, _END_SYSEX))
+
+
 def _pair(value: int) -> tuple[int, int]:
     return value & 0x7F, value >> 7 & 0x7F
 
@@ -82,12 +98,14 @@ class Parser:
         version: Major and minor number of the protocol, None before the banner.
         text: Last text that the board has sent.
         starts: How often the board has told its firmware's name, which it does when it starts.
+        pin: The last pin whose state it has told, None before the first.
     """
 
     def __init__(self) -> None:
         self.version: tuple[int, int] | None = None
         self.text = ""
         self.starts = 0
+        self.pin: int | None = None
         self._message = bytearray()
 
     def feed(self, data: bytes) -> None:
@@ -107,6 +125,8 @@ class Parser:
             self._message = bytearray()
         elif message[-1] == _END_SYSEX:
             self.starts += message[1] == _FIRMWARE and len(message) > _NAMELESS
+            if message[1] == _PIN:
+                self.pin = message[2]
             if message[1] == _STRING:
                 pairs = zip(message[2:-1:2], message[3:-1:2], strict=False)
                 self.text = "".join(chr(low | high << 7) for low, high in pairs)
@@ -141,9 +161,20 @@ class Firmata(Backend):
         self._parser = Parser()
         self._life = LifeSign(_ASK_EVERY, _SILENCE)
         self._identified = 0.0
+        self._random = random.SystemRandom()
+        self._asked_pin: int | None = None
 
     def identify(self, line: Line) -> str:
-        """Wait for the banner ``F9 major minor``, at most 5 s."""
+        """Wait for the banner ``F9 major minor``, at most 5 s, then ask for some pins."""
+        self._await_banner(line)
+        for pin in self._random.sample(range(_PINS), _PINS_ASKED):
+            self._require_pin(line, pin)
+        self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._asked_pin = None
+        version = self._parser.version or ()
+        return f"Firmata protocol {'.'.join(map(str, version))}"
+
+    def _await_banner(self, line: Line) -> None:
         self._parser = Parser()
         received = bytearray()
         start = time.monotonic()
@@ -156,13 +187,37 @@ class Firmata(Backend):
             received += data
             self._parser.feed(data)
             if self._parser.version is not None:
-                self._life = LifeSign(_ASK_EVERY, _SILENCE)
                 self._identified = time.monotonic()
-                return "Firmata protocol {}.{}".format(*self._parser.version)
+                return
+        if received == END_SYSEX + ASK_VERSION:
+            raise WrongDeviceError(ONLY_AN_ECHO)
         got = f"{len(received)} other bytes came ({received[:8].hex(' ')} ...)" if received else "not a byte came"
         msg = (
             f"no Firmata banner within {_BANNER_SECONDS:g} s, {got}: load StandardFirmata onto the board, and give its "
             f"baud rate (now {self.robot.baud or self.baud})"
+        )
+        raise WrongDeviceError(msg)
+
+    def _require_pin(self, line: Line, pin: int) -> None:
+        heard = b""
+        for _ in range(_TRIES):
+            self._parser.pin = None
+            _write(line, ask_pin(pin))
+            deadline = time.monotonic() + _PIN_SECONDS
+            while (left := deadline - time.monotonic()) > 0.0:
+                data = line.read(left)
+                heard += data
+                self._parser.feed(data)
+                if self._parser.pin == pin:
+                    if ask_pin(pin) in heard:
+                        raise WrongDeviceError(HEARS_ITSELF)
+                    return
+        if ask_pin(pin) in heard:
+            raise WrongDeviceError(ONLY_AN_ECHO)
+        got = heard[:8].hex(" ") or "nothing"
+        msg = (
+            f"a Firmata banner came, but the state of pin {pin} was asked for and {got} came: is it "
+            "another device? Load StandardFirmata 2.3 or newer onto the board"
         )
         raise WrongDeviceError(msg)
 
@@ -191,13 +246,15 @@ class Firmata(Backend):
             LineLostError: The board has started anew, and pulses no more.
         """
         self._parser.text, self._parser.starts = "", 0
-        data = line.read(0.0)
-        if data:
+        self._parser.pin = None
+        self._parser.feed(line.read(0.0))
+        if self._asked_pin is not None and self._parser.pin == self._asked_pin:
             self._life.heard()
-        self._parser.feed(data)
+            self._asked_pin = None
         if self._parser.starts and time.monotonic() - self._identified > _NAME_SECONDS:
             msg = "the board has started anew by itself: does the servo draw its supply down? Give it one of its own"
             raise LineLostError(msg)
         if self._life.due():
-            _write(line, ASK_VERSION)
+            self._asked_pin = self._random.randrange(_PINS)
+            _write(line, ask_pin(self._asked_pin))
         return Feedback(fault=self._parser.text) if self._parser.text else NOTHING

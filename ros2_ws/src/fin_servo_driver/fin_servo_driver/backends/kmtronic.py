@@ -20,6 +20,7 @@ class Kmtronic(RelayBackend):
 
     channels = range(1, 9)
     baud = 9600
+    frame_bytes = 3
 
     def identify(self, line: Line) -> str:
         """Take the board on trust: it has no way to answer, so a wrong device is not noticed."""

@@ -22,6 +22,7 @@ class Lcus(RelayBackend):
 
     channels = range(1, 17)
     baud = 9600
+    frame_bytes = 4
 
     def identify(self, line: Line) -> str:
         """Take the board on trust: it has no way to answer, so a wrong device is not noticed."""

@@ -1,30 +1,43 @@
-"""Modbus RTU relay boards: function 05, write single coil (Modbus Application Protocol 1.1b3, section 6.5).
+"""Modbus RTU relay boards (Modbus Application Protocol 1.1b3, sections 6.1 and 6.5).
 
 Every frame is answered; the answer is awaited, since the next frame must not come before it.
+
+The answer to function 05, write single coil, is the question itself: a two-wire adapter that hears itself gives it
+without a board. So it confirms nothing. What only the board can know is the state of its coils, function 01: the answer
+is no echo, its length follows from how many coils were asked for, and questions of two lengths come in random order, so
+that neither the same answer for ever nor answers recorded earlier fit them.
 """
 
 from __future__ import annotations
 
+import random
 import time
 from typing import TYPE_CHECKING
 
 from fin_plant import checks
-from fin_servo_driver.backends.backend import NOTHING, Feedback, LifeSign, RelayBackend
-from fin_servo_driver.line import LineStalledError, WrongDeviceError
+from fin_servo_driver.backends.backend import NOTHING, ONLY_AN_ECHO, Feedback, LifeSign, RelayBackend
+from fin_servo_driver.line import LineLostError, LineStalledError, WrongDeviceError
 
 if TYPE_CHECKING:
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
+    from fin_servo_driver.set_points import Outputs
 
 STANDARD_ON = 0xFF00
 CLONE_ON = 0x0100
 """What some clones take for on."""
 _READ_COILS, _WRITE_COIL, _EXCEPTION = 0x01, 0x05, 0x80
-_SHORTEST_ANSWER = 5
-_WRITE_ANSWER = 8
+_EXCEPTION_BYTES, _WRITE_BYTES, _BESIDE_DATA = 5, 8, 5
+_COILS_A_BYTE = 8
 _ANSWER_SECONDS = 0.1
 _TRIES = 3
 _ASK_EVERY, _SILENCE = 1.0, 3.0
+_LOOK_EVERY = 0.1
+"""s between two looks at coils that are on: a board that starts anew has them off."""
+_UNANSWERED = 3
+"""Looks in a row without an answer after which a board with coils that are on counts as lost."""
+_QUESTIONS_TO_IDENTIFY, _QUESTIONS_TO_CONFIRM = 8, 5
+"""Of either length: answers recorded earlier fit one order out of 12,870, and one out of 252."""
 
 
 def crc16(data: bytes) -> bytes:
@@ -49,15 +62,30 @@ def read_coils(unit: int, first: int, count: int) -> bytes:
     return body + crc16(body)
 
 
-def answer_in(data: bytes, unit: int) -> bytes | None:
-    """Return the first valid frame from this unit in what has come, or None; bytes around it are skipped."""
-    for start in range(len(data)):
-        if data[start] != unit:
-            continue
-        for end in range(start + _SHORTEST_ANSWER, len(data) + 1):
-            if crc16(data[start : end - 2]) == data[end - 2 : end]:
-                return data[start:end]
+def answer_in(data: bytes, question: bytes) -> bytes | None:
+    """Return the first answer to a question in what has come, or None; bytes around it are skipped.
+
+    An answer comes from the same unit, is of the same function or refuses it, and is as long as its function says. The
+    echo of a question for coils is none: it would be an answer with no coils.
+    """
+    unit, function = question[:2]
+    for start in range(len(data) - _EXCEPTION_BYTES + 1):
+        length = _answer_bytes(data[start + 1 : start + 3], function)
+        answer = data[start : start + length]
+        if answer and answer[0] == unit and len(answer) == length and crc16(answer[:-2]) == answer[-2:]:
+            return answer
     return None
+
+
+def _answer_bytes(head: bytes, function: int) -> int:
+    """Return how long an answer is that begins so after its unit, 0 for what is no answer to this function."""
+    if head[0] == function | _EXCEPTION:
+        return _EXCEPTION_BYTES
+    if head[0] != function:
+        return 0
+    if function == _WRITE_COIL:
+        return _WRITE_BYTES
+    return _BESIDE_DATA + head[1] if head[1] else 0
 
 
 class Modbus(RelayBackend):
@@ -66,6 +94,7 @@ class Modbus(RelayBackend):
     channels = range(64)
     rate = 50.0  # a frame and its answer take 17 ms at 9600 baud
     baud = 9600
+    frame_bytes = _WRITE_BYTES
     confirms = True
     options = ("unit", "on_value")
 
@@ -79,55 +108,191 @@ class Modbus(RelayBackend):
         self._unit = checks.whole_number("options: unit", robot.options.get("unit", 1), 1, 247)
         self._on_value = checks.whole_number("options: on_value", robot.options.get("on_value", STANDARD_ON), 1, 0xFFFF)
         self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        used = [channel for joint in robot.relays for channel in joint.channels]
+        self._first = min(used)
+        self._count = max(used) - self._first + 1
+        self._echoes = False
+        self._looked = 0.0
+        self._unanswered = 0
+        self._random = random.SystemRandom()
 
     def identify(self, line: Line) -> str:
-        """Ask for the coils; any valid answer of this unit, a refusal too, is a sign of life."""
-        frame = read_coils(self._unit, 0, 8)
+        """Ask for the coils often enough that only something that understands the questions gives such answers."""
         self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._unanswered = 0
+        self._echoes = False
+        self._echoes = self._hears_itself(line)
+        for left in reversed(range(_TRIES)):
+            try:
+                self._told_coils(line, _QUESTIONS_TO_IDENTIFY)
+                break
+            except LineStalledError as error:
+                if not left:
+                    raise WrongDeviceError(str(error)) from error
+                line.read(_ANSWER_SECONDS)
+        echo = ", on an adapter that hears itself" if self._echoes else ""
+        return f"Modbus relays, unit {self._unit}{echo}"
+
+    def _hears_itself(self, line: Line) -> bool:
+        """Whether each frame comes back before its answer, as on two wires where the receiver stays on.
+
+        Raises:
+            WrongDeviceError: There is no answer.
+        """
+        frame, heard = read_coils(self._unit, self._first, self._count), b""
         for _ in range(_TRIES):
-            answer = self._ask(line, frame)
+            answer, heard = self._ask(line, frame)
             if answer is not None:
-                return f"Modbus relays, unit {self._unit}"
+                return frame in heard.partition(answer)[0]
+            if frame in heard:
+                msg = (
+                    f"{ONLY_AN_ECHO}; check the power of Modbus unit {self._unit}, its address and baud rate, and that "
+                    "A and B are not swapped"
+                )
+                raise WrongDeviceError(msg)
+        got = f"{len(heard)} other bytes came" if heard else "not a byte came"
         msg = (
-            f"no answer from Modbus unit {self._unit} at {self.robot.baud or self.baud} baud: check address and baud "
-            "rate, and that A and B are not swapped"
+            f"no answer from Modbus unit {self._unit} at {self.robot.baud or self.baud} baud, {got}: check address and "
+            "baud rate, and that A and B are not swapped"
         )
         raise WrongDeviceError(msg)
 
+    def _told_coils(self, line: Line, questions: int) -> set[int]:
+        """Return which coils between the lowest and the highest of the joints are on, by the last of many answers.
+
+        Of the questions of either length, in random order, each short one must get an answer of its length; a long one
+        gets an answer of its own length, a refusal where the board has fewer coils, or none.
+
+        Raises:
+            LineStalledError: The answers do not fit the questions, or do not come.
+        """
+        on: set[int] = set()
+        for is_long in self._random.sample((False, True), counts=(questions, questions), k=2 * questions):
+            count = self._count + _COILS_A_BYTE * is_long
+            told = None
+            for _ in range(1 if is_long else _TRIES):
+                told = self._coils(line, count)
+                if told is not None:
+                    break
+            if not is_long:
+                if told is None:
+                    msg = (
+                        f'Modbus unit {self._unit} does not tell its coils (function 01), by which alone an "off" is '
+                        "confirmed: is options: unit right, and are the relays of this board coils?"
+                    )
+                    raise LineStalledError(msg)
+                on = told
+        return on
+
+    def _coils(self, line: Line, count: int) -> set[int] | None:
+        """Ask for so many coils; return which are on, None without an answer or if it is refused.
+
+        Raises:
+            LineStalledError: The answer is that to another question.
+        """
+        answer, heard = self._ask(line, read_coils(self._unit, self._first, count))
+        if answer is None or answer[1] != _READ_COILS:
+            return None
+        if answer[2] != -(-count // _COILS_A_BYTE):
+            msg = (
+                f"the answers of Modbus unit {self._unit} do not fit the questions: asked for {count} coils, got "
+                f"{heard[:12].hex(' ')}; is it a relay board?"
+            )
+            raise LineStalledError(msg)
+        bits = int.from_bytes(answer[3:-2], "little")
+        return {self._first + index for index in range(count) if bits >> index & 1}
+
+    def enable(self, line: Line, neutral: Outputs) -> None:
+        """Switch all relays off, unless the board has said that they are: that is the neutral of a relay tail."""
+        if any(self._on.get(channel) != 0.0 for channel in neutral):
+            self.disable(line)
+
     def switch(self, line: Line, channel: int, *, on: bool) -> None:
-        """Switch one relay and wait for the answer.
+        """Switch one relay and wait for the answer, which says that the line is free, no more.
 
         Raises:
             LineStalledError: No answer, or a refusal, after three tries.
         """
+        for left in reversed(range(_TRIES)):
+            try:
+                self._write(line, channel, on=on)
+                break
+            except LineStalledError:
+                if not left:
+                    raise
+
+    def _write(self, line: Line, channel: int, *, on: bool) -> None:
         frame = write_coil(self._unit, channel, self._on_value if on else 0)
-        answer = None
-        for _ in range(_TRIES):
-            answer = self._ask(line, frame)
-            if answer == frame:
-                return
-        got = answer.hex(" ") if answer else "nothing"
-        msg = (
-            f"Modbus unit {self._unit} did not switch relay {channel}: sent {frame.hex(' ')}, got {got}; check "
-            "options: unit, that the board has this relay, and the cable"
-        )
-        raise LineStalledError(msg)
+        answer, _ = self._ask(line, frame)
+        if answer != frame:
+            got = answer.hex(" ") if answer else "nothing"
+            msg = (
+                f"Modbus unit {self._unit} did not switch relay {channel}: sent {frame.hex(' ')}, got {got}; check "
+                "options: unit, that the board has this relay, and the cable"
+            )
+            raise LineStalledError(msg)
+
+    def disable(self, line: Line) -> None:
+        """Switch all relays off, then have the board tell that they are.
+
+        Raises:
+            LineStalledError: One is not, or the board does not tell.
+        """
+        super().disable(line)
+        channels = self._on.keys()
+        still_on = sorted(self._told_coils(line, _QUESTIONS_TO_CONFIRM) & channels)
+        if still_on:
+            for channel in still_on:
+                del self._on[channel]
+            msg = f"Modbus unit {self._unit} was told to switch off, and says that relays {still_on} are on"
+            raise LineStalledError(msg)
 
     def read(self, line: Line) -> Feedback:
-        """Ask for a sign of life while nothing is switched; every switch is answered anyway."""
-        if not any(self._on.values()) and self._life.due():
-            self._ask(line, read_coils(self._unit, 0, 8))
+        """Look whether the relays stand as they were switched.
+
+        Raises:
+            LineLostError: They do not, or the board has fallen silent.
+        """
+        is_on = any(self._on.values())
+        is_due = time.monotonic() - self._looked >= _LOOK_EVERY if is_on else self._life.due()
+        if is_due and self._strange(line) and (strange := self._strange(line)):  # an answer may be late: ask twice
+            msg = (
+                f"Modbus unit {self._unit} says that relays {sorted(strange)} are not as they were switched: has it "
+                "started anew by itself? Does a coil draw its supply down?"
+            )
+            raise LineLostError(msg)
+        if is_on and self._unanswered >= _UNANSWERED:
+            msg = f"Modbus unit {self._unit} has fallen silent: it does not tell its coils; has it power?"
+            raise LineLostError(msg)
         return NOTHING
 
-    def _ask(self, line: Line, frame: bytes) -> bytes | None:
+    def _strange(self, line: Line) -> set[int]:
+        """Return the relays that are not as they were switched; none without an answer.
+
+        Raises:
+            LineLostError: The answer does not fit the question.
+        """
+        self._looked = time.monotonic()
+        try:
+            told = self._coils(line, self._count)
+        except LineStalledError as error:
+            raise LineLostError(str(error)) from error
+        self._unanswered = 0 if told is not None else self._unanswered + 1
+        if told is None:
+            return set()
+        self._life.heard()
+        return {channel for channel, value in self._on.items() if (channel in told) != (value > 0.0)}
+
+    def _ask(self, line: Line, frame: bytes) -> tuple[bytes | None, bytes]:
+        """Return the answer, None without one, and all that came."""
         line.read(0.0)
         line.write(frame)
-        received = bytearray()
+        heard = b""
         deadline = time.monotonic() + _ANSWER_SECONDS
-        while (left := deadline - time.monotonic()) > 0.0 and len(received) < 4 * _WRITE_ANSWER:
-            received += line.read(left)
-            answer = answer_in(bytes(received), self._unit)
+        while (left := deadline - time.monotonic()) > 0.0:
+            heard += line.read(left)
+            after_echo = heard.partition(frame)[2] if self._echoes else heard
+            answer = answer_in(after_echo, frame)
             if answer is not None:
-                self._life.heard()
-                return answer
-        return None
+                return answer, heard
+        return None, heard

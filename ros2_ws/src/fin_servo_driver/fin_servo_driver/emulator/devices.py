@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _LONGEST_MESSAGE = 64
+_PINS = 20
+"""Of an Uno."""
 _SYSEX_ROOM = 64
 """Bytes that StandardFirmata keeps of a message between F0 and F7; more overrun its memory."""
 
@@ -49,7 +51,7 @@ class Device(ABC):
         del now
 
     def lose_power(self) -> None:
-        """Lose the supply for a moment."""
+        """Lose the supply for a moment, and start anew: all outputs off, and nothing is said of it unasked."""
         self.outputs = dict.fromkeys(self.outputs)
 
 
@@ -87,7 +89,7 @@ class Firmata(Device):
             self._message.append(byte)
             self._deaf = byte != 0xF7 and len(self._message) > 1 + _SYSEX_ROOM  # noqa: PLR2004
             if byte == 0xF7:  # noqa: PLR2004
-                self._complete()
+                return self._complete()
         elif byte == firmata.SYSTEM_RESET[0]:
             self.outputs = {}
             self._message = bytearray()
@@ -98,11 +100,15 @@ class Firmata(Device):
             self._message = bytearray((byte,))
         elif byte < 0x80 and self._message and len(self._message) < _LONGEST_MESSAGE:  # noqa: PLR2004
             self._message.append(byte)
-            self._complete()
+            return self._complete()
         return b""
 
-    def _complete(self) -> None:
+    def _complete(self) -> bytes:
+        """Carry the message out if it is whole, and return what is answered."""
+        answer = b""
         match list(self._message):
+            case [0xF0, 0x6D, pin, 0xF7]:
+                answer = bytes((0xF0, 0x6E, pin, *self._pin_state(pin), 0xF7))
             case [0xF4, pin, firmata.SERVO_MODE]:
                 self.outputs.setdefault(pin, float(firmata.FIRST_PULSE))
             case [command, low, high] if command & 0xF0 == 0xE0:  # noqa: PLR2004 - the pin is in the other bits
@@ -115,9 +121,17 @@ class Firmata(Device):
             case [*_, 0xF7] | [0xF4, _, _]:
                 pass
             case _:
-                return
+                return b""
         self.frames += 1
         self._message = bytearray()
+        return answer
+
+    def _pin_state(self, pin: int) -> bytes:
+        """Return mode and value of a pin; nothing for one that an Uno has not."""
+        if pin >= _PINS:
+            return b""
+        width = self.outputs.get(pin)
+        return b"\x01\x00" if width is None else bytes((firmata.SERVO_MODE, round(width) & 0x7F, round(width) >> 7))
 
     def _pulse(self, pin: int, width: int) -> None:
         if pin in self.outputs:
@@ -152,12 +166,21 @@ class Maestro(Device):
                 self.questions += 1
                 answer += self._errors.to_bytes(2, "little")
                 self._errors = 0
+            elif byte == maestro.GET_MOVING[0]:
+                answer += b"\x00"
             elif byte >= 0x80:  # noqa: PLR2004 - commands have the eighth bit
                 self._message = bytearray((byte,))
             elif self._message and len(self._message) < _LONGEST_MESSAGE:
                 self._message.append(byte)
-                self._complete()
+                answer += self._complete()
         return answer
+
+    def lose_power(self) -> None:
+        """Lose the supply for a moment, and start anew: no pulses, no errors, and deaf to the end of a frame."""
+        super().lose_power()
+        self._errors = 0
+        self._heard = None
+        self._message = bytearray()
 
     def tick(self, now: float) -> None:
         """Let the serial timeout run."""
@@ -165,8 +188,12 @@ class Maestro(Device):
             self._errors |= maestro.SERIAL_TIMEOUT
             self.outputs = dict.fromkeys(self.outputs)
 
-    def _complete(self) -> None:
+    def _complete(self) -> bytes:
+        """Carry the command out if it is whole, and return what is answered."""
+        answer = b""
         match list(self._message):
+            case [0x90, channel]:
+                answer = round((self.outputs.get(channel) or 0.0) * maestro.QUARTERS).to_bytes(2, "little")
             case [0x84, channel, low, high]:
                 self._set(channel, low | high << 7)
             case [0x9F, count, first, *pairs] if len(pairs) == 2 * count:
@@ -175,9 +202,10 @@ class Maestro(Device):
             case [0x87, _, _, _]:
                 pass
             case _:
-                return
+                return b""
         self.frames += 1
         self._message = bytearray()
+        return answer
 
     def _set(self, channel: int, quarters: int) -> None:
         self.outputs[channel] = quarters / maestro.QUARTERS if quarters else None
@@ -274,8 +302,16 @@ class Dynamixel(Device):
         return 0
 
 
-class SilentRelays(Device):
-    """A relay board that answers nothing and stays in its last state: LCUS, KMTronic."""
+class Relays(Device):
+    """A relay board: stays in its last state, and has all relays off when it starts."""
+
+    def lose_power(self) -> None:
+        """Lose the supply for a moment, and start anew: all relays off."""
+        self.outputs = dict.fromkeys(self.outputs, 0.0)
+
+
+class SilentRelays(Relays):
+    """A relay board that answers nothing: LCUS, KMTronic."""
 
     def __init__(self, switch_frame: SwitchFrame) -> None:
         """Take what the board understands: the frame that switches a channel."""
@@ -299,7 +335,7 @@ class SilentRelays(Device):
         return b""
 
 
-class Modbus(Device):
+class Modbus(Relays):
     """A Modbus RTU board with eight relays."""
 
     def __init__(self, unit: int) -> None:
@@ -328,9 +364,11 @@ class Modbus(Device):
         if frame[1] == 0x05 and coil in self.outputs:  # noqa: PLR2004
             self.outputs[coil] = float(frame[4] != 0)
             return frame
-        if frame[1] == 0x01:
-            bits = sum(1 << number for number, state in self.outputs.items() if state)
-            body = bytes((self._unit, 0x01, 0x01, bits))
+        count = int.from_bytes(frame[4:6], "big")
+        if frame[1] == 0x01 and count and coil + count <= len(self.outputs):
+            bits = sum(1 << number for number in range(count) if self.outputs[coil + number])
+            length = (count + 7) // 8
+            body = bytes((self._unit, 0x01, length)) + bits.to_bytes(length, "little")
             return body + modbus.crc16(body)
         body = bytes((self._unit, frame[1] | 0x80, 0x02))
         return body + modbus.crc16(body)

@@ -54,6 +54,7 @@ class PtyPort:
         device: The device.
         drop_rate: Part of the bytes that are lost on the way, each way.
         silent: Whether the device hears nothing and says nothing.
+        echoes: Whether the adapter hears itself, as on two wires where the receiver stays on.
         received: All bytes that came from the driver since the last replug, if `keep` was asked for.
     """
 
@@ -80,6 +81,7 @@ class PtyPort:
         self.path = path
         self.drop_rate = 0.0
         self.silent = False
+        self.echoes = False
         self.received = bytearray()
         self._keep = keep
         self._baud = baud
@@ -162,6 +164,8 @@ class PtyPort:
                 return
             if self._keep:
                 self.received += data
+            if self.echoes:
+                self._to_driver.put(data, now)
             if not self.silent:
                 self._to_device.put(self._lossy(data), now)
         if arrived := self._to_device.take(now):
