@@ -17,6 +17,9 @@ from fin_sim import swim_command
 if TYPE_CHECKING:
     from pathlib import Path
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
 ROBOT = robot_file.find("firmata").read_text(encoding="utf-8")
 
 

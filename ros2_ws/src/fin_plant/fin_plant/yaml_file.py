@@ -22,10 +22,8 @@ _OTHER_BASES = re.compile(r"[-+]?0[0-9]+|[-+]?0[obOB][0-9]+")
 class _Loader(yaml.SafeLoader):
     """Loads text, numbers, true, false, null, lists and mappings; each key once, and nothing by reference."""
 
-    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012  (PyYAML's own declaration)
-
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # PyYAML's stubs have no type for it
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # PyYAML has no types here  # type: ignore[no-untyped-call]  # PyYAML's stubs have no type for it
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             _refuse("anchors and references (& and *) are not read here: write the value out", event.start_mark)
         if getattr(event, "tag", None) not in {None, "!"}:
@@ -59,6 +57,7 @@ class _Loader(yaml.SafeLoader):
         return bool(node.value.lower() == "true")
 
 
+_Loader.yaml_implicit_resolvers = {}  # those of YAML 1.1
 for _kind, _pattern, _first in (
     ("null", r"~|null|Null|NULL|", "~nN\0"),
     ("bool", r"true|True|TRUE|false|False|FALSE", "tTfF"),
