@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.bag_reader import MAGIC_SIZE, is_closed, read_bag
+from fin_optimizer.bag_integrity import MAGIC_SIZE
+from fin_optimizer.bag_reader import is_closed, read_bag
 from fin_optimizer.score_bag import score_bag
 from fin_optimizer.study import candidates, read_trials
 from fin_optimizer.trial import Outcome

@@ -30,6 +30,7 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 
 from fin_optimizer.bag_time import LogTime
+from fin_optimizer.checksums import CHECK_SUM, sum_of_texts
 from fin_optimizer.disk_space import shortage
 from fin_optimizer.score import NANOSECONDS
 
@@ -48,10 +49,14 @@ FLUSH_PERIOD = 0.5
 """s of wall time between two flushes: on a busy machine too, a kill or a power cut takes away less than 1 s."""
 TRIAL_RECORD = "trial"
 """Name of the MCAP metadata record that describes the trial."""
+TRIAL_SUM = "trial_check_sum"
+"""Name of the MCAP metadata record with the check sum of that one, which guards it while the bag is not closed."""
 UNUSABLE_STAMPS = "unusable_stamps"
 """Name of the MCAP metadata record that counts, by topic, the messages whose stamp could not be believed."""
 LIBRARY = "fin_optimizer"
 """What the header of a bag's MCAP file begins its library with: the program that wrote it."""
+WITH_SUMS = f"{LIBRARY} with check sums"
+"""The same, since the trial record, the data and the summary have check sums; see `bag_integrity`."""
 BAG_VERSION = 9
 ROS_DISTRIBUTION = "jazzy"
 
@@ -253,7 +258,7 @@ class BagWriter:
         with self._failing("make"):
             path.mkdir(parents=True)
             self._file = (path / self._file_name).open("xb")
-        self._mcap = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD)
+        self._mcap = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._flushed_at = time.monotonic()
         try:
             with self._failing("write"):
@@ -284,8 +289,9 @@ class BagWriter:
 
     def _start(self) -> dict[str, int]:
         """Write header, trial, schemas and channels; return the channels' numbers by topic."""
-        self._mcap.start(profile="ros2", library=f"{LIBRARY}, mcap {version('mcap')}")
+        self._mcap.start(profile="ros2", library=f"{WITH_SUMS}, mcap {version('mcap')}")
         self._mcap.add_metadata(TRIAL_RECORD, self._metadata)
+        self._mcap.add_metadata(TRIAL_SUM, {CHECK_SUM: sum_of_texts(self._metadata)})
         schemas: dict[str, int] = {}
         channels = {}
         for topic in self._topics.values():

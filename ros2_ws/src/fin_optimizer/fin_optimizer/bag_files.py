@@ -49,10 +49,14 @@ class Information:
     Attributes:
         files: Names of the bag's files in the order of their recording.
         custom_data: What the one who recorded added.
+        message_count: Of all topics, None where it is not said.
+        counts: Number of messages by topic.
     """
 
     files: Sequence[str] = ()
     custom_data: tuple[tuple[str, str], ...] = ()
+    message_count: int | None = None
+    counts: tuple[tuple[str, int], ...] = ()
 
 
 def bag_files(path: Path) -> tuple[Path, ...]:
@@ -144,9 +148,12 @@ def information(folder: Path) -> Information:
         said = content["rosbag2_bagfile_information"]
         names = [Path(str(name)).name for name in said.get("relative_file_paths") or ()]
         custom = {str(key): str(value) for key, value in (said.get("custom_data") or {}).items()}
-    except (OSError, yaml.YAMLError, UnicodeDecodeError, LookupError, TypeError, AttributeError):
+        topics = said.get("topics_with_message_count") or ()
+        counts = {str(topic["topic_metadata"]["name"]): int(topic["message_count"]) for topic in topics}
+        total = None if said.get("message_count") is None else int(said["message_count"])
+    except (OSError, yaml.YAMLError, LookupError, TypeError, ValueError, AttributeError):
         return Information()
-    return Information(tuple(names), tuple(custom.items()))
+    return Information(tuple(names), tuple(custom.items()), total, tuple(counts.items()))
 
 
 if TYPE_CHECKING:

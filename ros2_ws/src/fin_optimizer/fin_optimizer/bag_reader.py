@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import os
 import struct
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Header, Message, Metadata, Schema
+from mcap.records import Channel, Header, Message, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader
 from mcap.writer import MCAP0_MAGIC
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
@@ -18,7 +19,7 @@ from rosbags.rosbag2.errors import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 from zstandard import ZstdError
 
-from fin_optimizer.bag import LIBRARY, TRIAL_RECORD, VELOCITY_TYPE, BagError, decode, velocity_samples
+from fin_optimizer.bag import LIBRARY, VELOCITY_TYPE, BagError, decode, velocity_samples
 from fin_optimizer.bag_files import (
     RecordedTopic,
     bag_files,
@@ -29,6 +30,7 @@ from fin_optimizer.bag_files import (
     sqlite_messages,
     sqlite_topics,
 )
+from fin_optimizer.bag_integrity import MAGIC_SIZE, RECORD_HEAD, Findings, check_information
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -49,9 +51,10 @@ _DAMAGE = (
     MemoryError,
 )
 """What reading damaged bytes raises: lengths that are none, and texts and blocks that are not what they were."""
-MAGIC_SIZE = 8
+_COMPRESSION = b"\x04\0\0\0zstd"
+"""How a chunk names its compression, behind its record's head, two times, a length and a check sum."""
+_BEFORE_COMPRESSION = RECORD_HEAD.size + 3 * 8 + 4
 _LONGEST_HEADER = 1024  # bytes from the file's beginning; ROS 2 and the optimiser write some sixty
-_RECORD_HEAD = struct.Struct("<BQ")  # an MCAP record's opcode and length
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,7 @@ class Bag:
         left_out: Why the messages of a topic cannot be read, by absolute name of those topics.
         complete: Whether it was closed. If not, the last moments before a kill are missing.
         whole_bytes: Length of the last file up to where a kill or a power cut took the rest.
+        guarded: Whether check sums guard all that a score needs, see `bag_integrity`.
     """
 
     path: Path
@@ -79,6 +83,7 @@ class Bag:
     left_out: Mapping[str, str]
     complete: bool
     whole_bytes: int
+    guarded: bool
 
     @property
     def name(self) -> Path:
@@ -220,17 +225,25 @@ def read_bag(path: Path) -> Bag:
     if left_out and not readable:
         msg = f"bag {files[0]}: {'; '.join(f'topic {topic} {why}' for topic, why in left_out.items())}"
         raise BagError(msg)
+    said = information(files[0].parent)
     told = next((content.metadata for content in contents if content.metadata), None)
+    complete = all(content.complete for content in contents)
+    if tuple(said.files) == tuple(file.name for file in files):
+        held = Counter[str]()
+        for topic, count in (item for content in contents for item in content.topics):
+            held[topic.name] += count
+        check_information(files[0], said, held, told, complete=complete)
     return Bag(
         path=files[0],
         files=files,
-        metadata=dict(information(files[0].parent).custom_data) if told is None else told,
+        metadata=dict(said.custom_data) if told is None else told,
         topics={name: kind for name, kind in topics.items() if name in readable},
         qos=qos,
         counts={name: count for name, count in counts.items() if name in readable},
         left_out=left_out,
-        complete=all(content.complete for content in contents),
+        complete=complete,
         whole_bytes=contents[-1].whole_bytes,
+        guarded=all(content.guarded for content in contents),
     )
 
 
@@ -275,33 +288,33 @@ class _Contents:
     metadata: Mapping[str, str]
     complete: bool
     whole_bytes: int
+    guarded: bool
 
 
 def _contents(file: Path) -> _Contents:
     content = _content(file)
     if content is None:
         with reading(file):
-            return _Contents(sqlite_topics(file), {}, complete=True, whole_bytes=file.stat().st_size)
-    metadata: dict[str, str] = {}
+            return _Contents(sqlite_topics(file), {}, complete=True, whole_bytes=file.stat().st_size, guarded=False)
+    found = Findings(file)
     schemas: dict[int, str] = {}
     channels: dict[int, Channel] = {}
-    counts: dict[int, int] = {}
     for record in _records(file, content):
-        if isinstance(record, Message):
-            if record.channel_id not in counts:
-                msg = f"bag {file} is damaged: a message of channel {record.channel_id}, which is not described"
-                raise BagError(msg)
-            counts[record.channel_id] += 1
-        elif isinstance(record, Metadata) and record.name == TRIAL_RECORD:
-            metadata = record.metadata
-        elif isinstance(record, Schema):
+        if isinstance(record, Message) and record.channel_id not in channels:
+            msg = f"bag {file} is damaged: a message of channel {record.channel_id}, which is not described"
+            raise BagError(msg)
+        found.note(record)
+        if isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
             channels[record.id] = record
-            counts.setdefault(record.id, 0)
-    topics = [(_recorded(channel, schemas), counts[number]) for number, channel in channels.items()]
+    topics = [(_recorded(channel, schemas), found.counts[number]) for number, channel in channels.items()]
     _, length, complete = _whole_records(content)
-    return _Contents(topics, metadata, complete, length)
+    if not complete and _goes_on(content, length):
+        msg = f"bag {file} is damaged at byte {length}, and goes on behind that; its messages cannot be trusted"
+        raise BagError(msg)
+    guarded = found.check(content[:length], complete=complete)
+    return _Contents(topics, found.trial or {}, complete, length, guarded)
 
 
 def _recorded(channel: Channel, schemas: Mapping[int, str]) -> RecordedTopic:
@@ -432,10 +445,10 @@ def _whole_records(content: bytes) -> tuple[int, int, bool]:
     end = MAGIC_SIZE
     chunk = None
     with io.BytesIO(content) as file:
-        while end + _RECORD_HEAD.size <= size:
+        while end + RECORD_HEAD.size <= size:
             file.seek(end)
-            opcode, length = _RECORD_HEAD.unpack(file.read(_RECORD_HEAD.size))
-            after = end + _RECORD_HEAD.size + length
+            opcode, length = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
+            after = end + RECORD_HEAD.size + length
             if opcode == 0 or after > size:
                 break
             if opcode == Opcode.CHUNK:
@@ -450,6 +463,19 @@ def _whole_records(content: bytes) -> tuple[int, int, bool]:
         if _is_chunk(file.read(chunk[1] - chunk[0])):
             return chunk[1], end, False
     return chunk[0], chunk[0], False
+
+
+def _goes_on(content: bytes, end: int) -> bool:
+    """Whether whole chunks follow the end of what can be read: a kill takes away all that was written last."""
+    place = content.find(_COMPRESSION, end)
+    while place >= 0:
+        head = place - _BEFORE_COMPRESSION
+        if head >= end and content[head] == Opcode.CHUNK:
+            after = head + RECORD_HEAD.size + RECORD_HEAD.unpack_from(content, head)[1]
+            if after <= len(content) and _is_chunk(content[head:after]):
+                return True
+        place = content.find(_COMPRESSION, place + 1)
+    return False
 
 
 def _is_chunk(data: bytes) -> bool:

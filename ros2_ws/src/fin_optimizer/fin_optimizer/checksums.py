@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 CHECK_SUM = "check_sum"
-"""Name of the entry that holds the check sum of all the others."""
+"""Name of the entry that holds a check sum."""
 SUM_LENGTH = 16
 
 
@@ -27,6 +27,5 @@ def check_sum(*parts: bytes) -> str:
 
 
 def sum_of_texts(texts: Mapping[str, str]) -> str:
-    """Return the check sum of texts by name, whatever their order and without their own check sum."""
-    rest = {name: text for name, text in texts.items() if name != CHECK_SUM}
-    return check_sum(json.dumps(rest, sort_keys=True).encode())
+    """Return the check sum of texts by name, whatever their order."""
+    return check_sum(json.dumps(dict(texts), sort_keys=True).encode())

@@ -31,6 +31,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from fin_optimizer.bag import BagError, decode, has_header, is_known, shift_header
+from fin_optimizer.bag_integrity import UNGUARDED
 from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.playback import Playback
 from fin_plant import node_process, topics
@@ -424,7 +425,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     def player() -> Any:
         try:
-            return Player(read_bag(given.bag), given)
+            bag = read_bag(given.bag)
+            if not bag.guarded:
+                sys.stderr.write(f"note: {bag.name} was {UNGUARDED}\n")
+            return Player(bag, given)
         except BagError as error:
             raise ValueError(str(error)) from error
 

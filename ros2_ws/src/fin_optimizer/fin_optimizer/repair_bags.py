@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.bag import BagError, BagTopic, BagWriter, lock
 from fin_optimizer.bag_files import bags_in
-from fin_optimizer.bag_reader import MAGIC_SIZE, is_closed, is_own, mcap_file, read_bag
+from fin_optimizer.bag_integrity import MAGIC_SIZE
+from fin_optimizer.bag_reader import is_closed, is_own, mcap_file, read_bag
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

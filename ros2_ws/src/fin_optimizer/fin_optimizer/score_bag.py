@@ -13,10 +13,20 @@ import numpy as np
 
 from fin_optimizer.bag import BagError, decode, header_stamp
 from fin_optimizer.bag_files import bags_in
+from fin_optimizer.bag_integrity import UNGUARDED
 from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.journal import StudyError
 from fin_optimizer.pipe import end_with_the_reader
-from fin_optimizer.score import Measurement, MissingMeasurementError, Score, ScoreError, Window, mean_power, score
+from fin_optimizer.score import (
+    NANOSECONDS,
+    Measurement,
+    MissingMeasurementError,
+    Score,
+    ScoreError,
+    Window,
+    mean_power,
+    score,
+)
 from fin_plant import validity
 from fin_plant.plant_state import State
 
@@ -187,7 +197,24 @@ def _scored(bag: Bag, measured: Mapping[str, str], *, with_cost: bool) -> tuple[
     told = any(topic.endswith("/joint_states") and kind == _JOINT_STATE_TYPE for topic, kind in bag.topics.items())
     joints = bag.typed("joint_states", _JOINT_STATE_TYPE) if with_cost or told else None
     refuse_folded(joints or ())
-    return scored_swim(velocity, joints if with_cost else None, window, measurement)
+    scored = scored_swim(velocity, joints if with_cost else None, window, measurement)
+    _check_reaches_end(velocity[0], window, "velocity")
+    if with_cost and joints:
+        _check_reaches_end([header_stamp(message) for message in joints], window, "joint_states")
+    return scored
+
+
+def _check_reaches_end(stamps: Sequence[int] | NDArray[np.int64], window: Window, topic: str) -> None:
+    """Look whether a topic's messages go on to the window's end, as those of a trial do before it is scored.
+
+    Raises:
+        ScoreError: They do not: the rest was lost, in a kill for example, and a score without it is another one.
+    """
+    newest = max(map(int, stamps), default=window.end_ns)  # none at all is told by who needs them
+    if newest < window.end_ns:
+        missing = (window.end_ns - newest) / NANOSECONDS
+        msg = f"{topic} ends {missing:.3g} s before the window does: the rest of the swim was not recorded, or was lost"
+        raise ScoreError(msg)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -213,6 +240,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     measured = _measured(words.settle, words.duration, parser)
     failed = False
     heads: list[str] = []
+    without_sums: list[bool] = []
     for given in words.paths:
         try:
             wanted, refused = _wanted(given)
@@ -223,7 +251,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             failed = _tell(refused)
         for path, trial in wanted:
             try:
-                numbers = _numbers(path, trial, measured)
+                numbers, guarded = _numbers(path, trial, measured)
             except MissingMeasurementError as error:
                 failed = _tell(f"{path}: {error}; --settle and --duration say it")
                 continue
@@ -236,6 +264,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.write(f"{' '.join(map(repr, numbers.values()))} {path}\n")
             if trial is not None and (difference := _difference(numbers, trial)):
                 failed = _tell(f"{path}: {difference}")
+            without_sums.append(not guarded)
+    _tell_unguarded(without_sums)
     return 2 if failed else 0
 
 
@@ -249,6 +279,12 @@ def _measured(settle: float | None, duration: float | None, parser: argparse.Arg
         return Measurement(settle, duration).metadata()
     except ValueError as error:
         parser.error(str(error))
+
+
+def _tell_unguarded(bags: Sequence[bool]) -> None:
+    """Note how many of the bags, each of which is one or not, have no check sums."""
+    if count := sum(bags):
+        sys.stderr.write(f"note: {count} of {len(bags)} bags {'was' if count == 1 else 'were'} {UNGUARDED}\n")
 
 
 def _tell(error: str) -> bool:
@@ -292,8 +328,8 @@ def _trials(path: Path) -> tuple[dict[Path, TrialRecord], str]:
         return {}, f"{error}: every bag of {path} is scored"
 
 
-def _numbers(path: Path, trial: TrialRecord | None, measured: Mapping[str, str]) -> dict[str, float]:
-    """Return what a bag's trial achieved, by name and unit.
+def _numbers(path: Path, trial: TrialRecord | None, measured: Mapping[str, str]) -> tuple[dict[str, float], bool]:
+    """Return what a bag's trial achieved, by name and unit, and whether check sums guard it.
 
     Args:
         path: The bag.
@@ -314,7 +350,9 @@ def _numbers(path: Path, trial: TrialRecord | None, measured: Mapping[str, str])
         count = sum(bag.counts.values())
         sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")
     numbers = {_SPEED: result.value, _SPREAD: result.spread}
-    return numbers | {_COST: math.nan if cost is None else cost} if with_cost else numbers
+    if with_cost:
+        numbers[_COST] = math.nan if cost is None else cost
+    return numbers, bag.guarded
 
 
 def _difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
