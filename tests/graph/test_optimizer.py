@@ -156,6 +156,23 @@ def test_a_study_in_two_parts_tries_the_fins_of_one_in_a_single_part(start: Star
     assert "was begun with other settings: seed is 1 there and 2 here" in other.output()
 
 
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ("gait.frequency:=8.0", "frequency 8 Hz asked, 5 Hz swum"),
+        ("gait.amplitude:=0.4", "amplitude 0.4 rad asked, 0.261799 rad swum"),
+    ],
+)
+def test_a_gait_beyond_the_plants_limits_is_refused_before_anything_is_proposed(
+    start: Start, folder: Path, asked: str, said: str
+) -> None:
+    study = start_bringup(start, folder, "trials:=2", asked, *SHORT)
+    assert study.wait(60) == 1
+    assert said in study.output()
+    assert table(folder) == []
+    assert list((folder / "bags").iterdir()) == []
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_in_the_middle_leaves_every_bag_readable_and_the_journal_complete(
     start: Start, folder: Path, number: signal.Signals, code: int

@@ -36,6 +36,7 @@ class Seen:
     fin_reply: Reply | None = None
     reset_reply: Reply | None = None
     other_fish: str | None = ""
+    other_gait: str = ""
     tail_angle: float | None = 0.0
     unmatched_topics: Sequence[str] = ("/fish/velocity",)
     newest_velocity: int | None = None
@@ -363,6 +364,14 @@ def test_silence_under_way_is_an_attempt_at_the_fin() -> None:
     rehearsal.reach("measure")
     rehearsal.update(6.0)
     assert rehearsal.is_attempt
+
+
+def test_a_swim_of_another_gait_than_the_one_asked_for_is_no_ok_trial() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("measure")
+    rehearsal.seen.other_gait = "joint 1: frequency 8 Hz asked, 5 Hz swum"
+    rehearsal.update()
+    assert rehearsal.failure == "measure: joint 1: frequency 8 Hz asked, 5 Hz swum"
 
 
 def test_another_fish_than_the_studys_swims_nothing() -> None:

@@ -86,7 +86,7 @@ class Lane:
         self._metadata = metadata
         self._meet = meet
         self._recorder = Recorder(node, namespace=namespace, minimum_free=plan.number("disk.minimum_free"))
-        self._facts = Observation(node, self.plant, self._recorder, namespace)
+        self._facts = Observation(node, self.plant, self._recorder, namespace, plan.gait)
         self._gait_due: float | None = None
         self._look_due = 0.0
         self._fast = self._was_fast = False
@@ -126,6 +126,16 @@ class Lane:
     def other_fish(self) -> str:
         """Why the fish is not the study's, or empty."""
         return self._facts.other_fish or ""
+
+    @property
+    def cut_gait(self) -> str:
+        """What the plant's limits would make of the study's gait, or empty."""
+        return self._facts.cut_gait
+
+    @property
+    def other_gait(self) -> str:
+        """Why the plant does not swim the study's gait, or empty."""
+        return self._facts.other_gait
 
     @property
     def phase(self) -> str:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from fin_optimizer.score_bag import tail_angle
 from fin_plant import topics
+from fin_plant.gait import COLUMNS
+from fin_plant.plant_state import LIMITS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,6 +19,7 @@ if TYPE_CHECKING:
     from fin_optimizer.plant_client import PlantClient
     from fin_optimizer.recorder import Recorder
     from fin_optimizer.trial import Reply, Result, Trial
+    from fin_plant.gait import Gait
     from fin_plant.plant_state import PlantState
     from fin_plant.topics import Topic
 
@@ -32,6 +37,10 @@ _ALWAYS_STREAMED = (topics.JOINT_STATES, topics.VELOCITY)
 _STREAMS = (*_ALWAYS_STREAMED, *_RECORDED_IF_THERE)
 
 
+_ROUNDING = 1e-4
+"""Relative difference of two numbers that are meant to be one."""
+
+
 class Observation:
     """What the plant, the recorder and the graph show now.
 
@@ -42,11 +51,12 @@ class Observation:
         other_fish: Why the fish is not the study's, or empty; None until that is known.
     """
 
-    def __init__(self, node: Node, plant: PlantClient, recorder: Recorder, namespace: str) -> None:
+    def __init__(self, node: Node, plant: PlantClient, recorder: Recorder, namespace: str, gait: Gait) -> None:
         self._node = node
         self._client = plant
         self._recorder = recorder
         self._namespace = namespace.rstrip("/")
+        self._gait = gait
         self.trial: Trial | None = None
         self.bag_error = ""
         self.result: Result | None = None
@@ -81,6 +91,27 @@ class Observation:
     def reset_reply(self) -> Reply | None:
         """Answer to the reset."""
         return self._client.reset_reply
+
+    @property
+    def other_gait(self) -> str:
+        """Why the plant does not swim the gait that is asked for, or empty; a still tail follows none yet."""
+        applied = self._client.applied
+        if applied is not None and applied.moves and not _is_nearly(applied, self._gait):
+            return f"the plant swims another gait than the one asked for: {_differences(self._gait, applied)}"
+        return self.cut_gait
+
+    @property
+    def cut_gait(self) -> str:
+        """What the plant's limits would make of the gait, or empty."""
+        details = self._client.state.details if self._client.state is not None else {}
+        if not set(LIMITS) <= set(details):
+            return ""
+        sweep, frequency = (float(details[name]) for name in LIMITS)
+        cut = self._gait.limited(sweep, frequency)
+        if _is_nearly(cut, self._gait):
+            return ""
+        limits = f"limits.sweep = {sweep:g} rad, limits.frequency = {frequency:g} Hz"
+        return f"the plant's limits ({limits}) would cut the gait: {_differences(self._gait, cut)}"
 
     @property
     def tail_angle(self) -> float | None:
@@ -122,3 +153,25 @@ class Observation:
 
     def _full(self, name: str) -> str:
         return f"{self._namespace}/{name}"
+
+
+def _is_nearly(swum: Gait, asked: Gait) -> bool:
+    """Return whether a gait is the one asked for, but for the rounding of a person who writes 0.2618 for 15 degrees."""
+    if swum.same_as(asked):
+        return True
+    one, other = swum.rows(), asked.rows()
+    return one.shape == other.shape and bool(np.allclose(one, other, rtol=_ROUNDING, atol=0.0))
+
+
+def _differences(asked: Gait, swum: Gait) -> str:
+    """Return each number of a gait that is another one, asked and swum."""
+    if len(asked.joints) != len(swum.joints):
+        return f"{len(asked.joints)} driven joints asked, {len(swum.joints)} swum"
+    units = dict(zip(COLUMNS, ("rad", "Hz", "rad", "rad"), strict=True))
+    pairs = [
+        f"joint {number}: {name} {getattr(one, name):g} {unit} asked, {getattr(other, name):g} {unit} swum"
+        for number, (one, other) in enumerate(zip(asked.joints, swum.joints, strict=True), start=1)
+        for name, unit in units.items()
+        if getattr(one, name) != getattr(other, name)
+    ]
+    return "; ".join(pairs)

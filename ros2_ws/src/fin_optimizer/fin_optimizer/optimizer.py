@@ -45,6 +45,8 @@ _SHOW_PERIOD = 0.1
 _IDLE_PERIOD = 0.1
 _ARRIVAL = 5.0
 """s in which several fish, started beside the optimiser, may appear without a word about it."""
+_FIRST_WORD = 3.0
+"""s for which the first trial waits for a plant's first word."""
 _DISCOVERY = 0.5
 """s before the first trial: a second plant must have been seen before the first one is spoken to."""
 
@@ -167,10 +169,10 @@ class Optimizer:
         elif self._mode is Mode.PAUSING and not busy:
             self._mode = Mode.HOLDING
         elif self._mode is Mode.RUNNING and now >= self._start_at and len(busy) < len(self._lanes):
-            return self._begin_trials(wait)
+            return self._begin_trials(now, wait)
         return wait
 
-    def _begin_trials(self, wait: float) -> float:
+    def _begin_trials(self, now: float, wait: float) -> float:
         """Give every fish without a trial its next one; return how long to wait then, in s."""
         if self._study.settled() >= self._total:
             self._cancel("the study is complete")
@@ -179,6 +181,11 @@ class Optimizer:
         for lane in self._lanes:
             if lane.trial is not None or not self._takes_part(lane):
                 continue
+            if lane.plant.state is None and now - self._start_at < _FIRST_WORD:
+                continue  # its limits are looked at before anything is proposed
+            if lane.cut_gait:
+                self._give_up(f"{lane.namespace}: {lane.cut_gait}. Ask for a gait within them, or change them")
+                return _IDLE_PERIOD
             if missing := shortage(self._study.folder, self._plan.number("disk.minimum_free")):
                 self._give_up(missing)
                 return _IDLE_PERIOD
@@ -223,6 +230,7 @@ class Optimizer:
         if lane.record is None:
             return
         record = self._study.finish(lane.record.number, result)
+        other_gait = lane.other_gait if record.outcome is Outcome.FAILED else ""
         lane.end()
         while lane.notes:
             self._display.say(lane.notes.pop(0))
@@ -231,7 +239,9 @@ class Optimizer:
         self._publish_progress()
         self._failures_in_a_row = self._failures_in_a_row + 1 if record.outcome is Outcome.FAILED else 0
         stopped = self._mode not in {Mode.RUNNING, Mode.PAUSING}
-        if lane.other_fish and not stopped:
+        if other_gait and other_gait in record.reason and not stopped:
+            self._give_up(other_gait)
+        elif lane.other_fish and not stopped:
             self._give_up(f"{lane.other_fish}. Use the same, or another study_folder")
         elif self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not stopped:
             self._give_up(f"{self._failures_in_a_row} trials in a row FAILED")

@@ -12,7 +12,7 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer.trial import Reply
 from fin_plant import topics
-from fin_plant.messages import gait_message, plant_state_from_message
+from fin_plant.messages import gait_from_message, gait_message, plant_state_from_message
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rclpy.client import Client
     from rclpy.node import Node
     from rclpy.task import Future
+    from std_msgs.msg import Float64MultiArray
 
     from fin_plant.gait import Gait
     from fin_plant.parameters import Value
@@ -41,6 +42,7 @@ class PlantClient:
         fin_reply: Answer to the last `set_fin`, None before it has come.
         reset_reply: Answer to the last `request_reset`, None before it has come.
         changed: Something new has come; the owner sets it back.
+        applied: The gait that the plant said last it follows, None before.
         parameters: What `ask_parameters` learnt, by name, None before the answer has come.
     """
 
@@ -50,6 +52,7 @@ class PlantClient:
         self.reset_reply: Reply | None = None
         self.changed = False
         self.parameters: dict[str, Value] | None = None
+        self.applied: Gait | None = None
         self._newest: dict[Client, Future] = {}
         self._node = node
         self._plants: list[str] = []
@@ -64,6 +67,8 @@ class PlantClient:
             topics.PLANT_STATE.type, topics.PLANT_STATE.name_in(namespace), self._on_state, topics.PLANT_STATE.qos
         )
         self._state_topic = str(state.topic_name)
+        applied = topics.GAIT_APPLIED
+        node.create_subscription(applied.type, applied.name_in(namespace), self._on_applied, applied.qos)
 
     def _on_state(self, message: DiagnosticStatus) -> None:
         self.changed = True
@@ -71,6 +76,13 @@ class PlantClient:
             self.state = plant_state_from_message(message)
         except ValueError as error:
             self._node.get_logger().error(str(error))
+
+    def _on_applied(self, message: Float64MultiArray) -> None:
+        self.changed = True
+        try:
+            self.applied = gait_from_message(message)
+        except ValueError as error:
+            self._node.get_logger().error(f"gait_applied: {error}")
 
     def plants(self) -> list[str]:
         """Return the full names of the nodes that publish a plant's state in this namespace."""

@@ -130,6 +130,10 @@ class Facts(Protocol):
         """Why the plant's fish is not the one of the study, or empty; None until the plant has told what swims."""
 
     @property
+    def other_gait(self) -> str:
+        """Why the plant swims another gait than the one asked for, or empty."""
+
+    @property
     def tail_angle(self) -> float | None:
         """Largest angle of a driven joint in rad, as said last; None before."""
 
@@ -320,7 +324,7 @@ class Trial:
             self._index < _GAIT_IS_ON
             or len(facts.plants) > 1
             or (facts.plant is not None and facts.plant.waits_for_people)
-            or bool(facts.recorder_failure or facts.other_fish or self._changed(facts))
+            or bool(facts.recorder_failure or facts.other_fish or facts.other_gait or self._changed(facts))
         )
         return Result(Outcome.FAILED, f"{self.phase}: {trouble}", interrupted=no_attempt)
 
@@ -329,8 +333,8 @@ class Trial:
             return facts.recorder_failure
         if self._index > 0 and len(facts.plants) > 1:
             return _no_plant(self, facts)
-        if facts.other_fish:
-            return facts.other_fish
+        if other := facts.other_fish or (self._gait_is_on and facts.other_gait):
+            return other
         if self._index > _AT_REST and _is(facts, State.FAULT):
             return _says(self, facts)
         if phase.action is Action.RESET and facts.reset_reply is not None and not facts.reset_reply.accepted:

@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
+LIMITS = ("limits.sweep", "limits.frequency")
+"""Details of every plant: largest angle of a driven joint in rad and highest frequency in Hz to which a gait is cut."""
+
+
 class State(StrEnum):
     """What a plant is doing."""
 

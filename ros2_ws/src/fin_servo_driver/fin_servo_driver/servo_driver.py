@@ -27,7 +27,7 @@ from fin_plant.messages import (
 )
 from fin_plant.node_parameters import NodeParameters
 from fin_plant.parameters import ParameterTable, Value, load_table
-from fin_plant.plant_state import PlantState, State
+from fin_plant.plant_state import LIMITS, PlantState, State
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.diagnosis import Counters, describe
 from fin_servo_driver.emergency_stop import EmergencyStop
@@ -318,6 +318,7 @@ class ServoDriver:
         if begun is None or begun != self._stamp:
             self._stamp = max(self._stamp + 1, begun or time.time_ns())
         details = {"waiting_for": waiting.value if waiting else ""}
+        details |= {name: _as_text(self._values[name]) for name in LIMITS}
         if waiting is Waiting.FIN:
             details |= {f"wanted.{name}": _as_text(self._values[name]) for name in FIN_PARAMETERS}
         mounted = {name: _as_text(value) for name, value in (self._states.mounted or {}).items()}

@@ -27,7 +27,7 @@ from fin_plant.messages import (
 )
 from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.parameters import ParameterTable, Value
-from fin_plant.plant_state import PlantState, State
+from fin_plant.plant_state import LIMITS, PlantState, State
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
@@ -174,7 +174,8 @@ class Simulator:
             self._number("speed") if self._state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0
         )
         fin = {name: _text(value) for name, value in self._values.items() if name.startswith("fin.")}
-        state = PlantState(self._state, "simulator", self._state_began, self._reason, fin)
+        limits = {name: _text(self._values[name]) for name in LIMITS}
+        state = PlantState(self._state, "simulator", self._state_began, self._reason, fin, limits)
         self._state_topic.publish(plant_state_message(state))
 
     def _parameters_changed(self, values: Mapping[str, Value]) -> None:
