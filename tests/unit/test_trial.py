@@ -368,10 +368,12 @@ def test_silence_under_way_is_an_attempt_at_the_fin() -> None:
 
 def test_a_swim_of_another_gait_than_the_one_asked_for_is_no_ok_trial() -> None:
     rehearsal = Rehearsal()
-    rehearsal.reach("measure")
     rehearsal.seen.other_gait = "joint 1: frequency 8 Hz asked, 5 Hz swum"
+    rehearsal.reach("stop the gait")
+    rehearsal.seen.other_gait = ""  # the tail is still
     rehearsal.update()
-    assert rehearsal.failure == "measure: joint 1: frequency 8 Hz asked, 5 Hz swum"
+    assert rehearsal.failure == "stop the gait: joint 1: frequency 8 Hz asked, 5 Hz swum"
+    assert not rehearsal.is_attempt
 
 
 def test_another_fish_than_the_studys_swims_nothing() -> None:

@@ -133,11 +133,6 @@ class Lane:
         return self._facts.cut_gait
 
     @property
-    def other_gait(self) -> str:
-        """Why the plant does not swim the study's gait, or empty."""
-        return self._facts.other_gait
-
-    @property
     def phase(self) -> str:
         """Phase of the trial under way, or empty."""
         return self.trial.phase if self.trial is not None else ""

@@ -230,7 +230,6 @@ class Optimizer:
         if lane.record is None:
             return
         record = self._study.finish(lane.record.number, result)
-        other_gait = lane.other_gait if record.outcome is Outcome.FAILED else ""
         lane.end()
         while lane.notes:
             self._display.say(lane.notes.pop(0))
@@ -239,9 +238,7 @@ class Optimizer:
         self._publish_progress()
         self._failures_in_a_row = self._failures_in_a_row + 1 if record.outcome is Outcome.FAILED else 0
         stopped = self._mode not in {Mode.RUNNING, Mode.PAUSING}
-        if other_gait and other_gait in record.reason and not stopped:
-            self._give_up(other_gait)
-        elif lane.other_fish and not stopped:
+        if lane.other_fish and not stopped:
             self._give_up(f"{lane.other_fish}. Use the same, or another study_folder")
         elif self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not stopped:
             self._give_up(f"{self._failures_in_a_row} trials in a row FAILED")

@@ -231,6 +231,7 @@ class Trial:
         self._swimming_since = 0
         self._reset_after = -1
         self._gait_is_on = False
+        self._other_gait = ""
         self._bag_is_open = False
         self._spoken_to: frozenset[str] = frozenset()
         self._gone_since: float | None = None
@@ -258,6 +259,8 @@ class Trial:
         if self._index < 0:
             return self._enter(0, now, facts)
         phase = PHASES[self._index]
+        if self._gait_is_on and facts.other_gait:
+            self._other_gait = facts.other_gait
         if failure := self._failure(facts) or self._lost(now, facts):
             return self._end(failure)
         if phase.done(self, facts):
@@ -324,7 +327,7 @@ class Trial:
             self._index < _GAIT_IS_ON
             or len(facts.plants) > 1
             or (facts.plant is not None and facts.plant.waits_for_people)
-            or bool(facts.recorder_failure or facts.other_fish or facts.other_gait or self._changed(facts))
+            or bool(facts.recorder_failure or facts.other_fish or self._other_gait or self._changed(facts))
         )
         return Result(Outcome.FAILED, f"{self.phase}: {trouble}", interrupted=no_attempt)
 
@@ -333,7 +336,7 @@ class Trial:
             return facts.recorder_failure
         if self._index > 0 and len(facts.plants) > 1:
             return _no_plant(self, facts)
-        if other := facts.other_fish or (self._gait_is_on and facts.other_gait):
+        if other := facts.other_fish or (not self._gait_is_on and self._other_gait):
             return other
         if self._index > _AT_REST and _is(facts, State.FAULT):
             return _says(self, facts)

@@ -57,6 +57,8 @@ _RETURN_DELAY, _ADAPTER_DELAY = 0.0005, 0.001
 """s: of a servo as it is bought, and of a USB adapter that hands bytes on at once."""
 _LOAD, _LOAD_AT_WORST = 0.8, 0.9
 """Part of a tick that questions and answers take by calculation, and for which answers are waited for."""
+_DISABLE_TRIES = 3
+"""Times that servos are asked whether their torque is off: one late answer is no servo that holds on."""
 _QUIET = 0.003
 """s without a byte after which no answer comes any more: an adapter's delay and some servos' return delays."""
 _PATIENCE_AT_REST = 0.02
@@ -302,12 +304,16 @@ class Dynamixel(Backend):
             self._let_answers_pass(line)
             self._write_together(line, TORQUE_ENABLE, off)
         self._write_together(line, BUS_WATCHDOG, off)
-        told = self._read(line, self._servos, TORQUE_TO_HARDWARE_ERROR)
-        unsure = [servo for servo in self._servos if servo not in told or told[servo][0] != 0]
-        if unsure:
-            servos = ", ".join(map(str, unsure))
-            msg = f"id {servos} did not confirm that the torque is off; has it power?"
-            raise LineStalledError(msg)
+        for _ in range(_DISABLE_TRIES):
+            told = self._read(line, self._servos, TORQUE_TO_HARDWARE_ERROR)
+            unsure = [servo for servo in self._servos if servo not in told or told[servo][0] != 0]
+            if not unsure:
+                return
+            self._let_answers_pass(line)
+            self._write_together(line, TORQUE_ENABLE, off)
+        servos = ", ".join(map(str, unsure))
+        msg = f"id {servos} did not confirm that the torque is off; has it power?"
+        raise LineStalledError(msg)
 
     def _let_answers_pass(self, line: Line) -> None:
         """Read away what comes until nothing does, for as long as answers to one question take at most."""
