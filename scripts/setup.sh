@@ -3,7 +3,8 @@
 # Does nothing where nothing has changed, and may be called from several shells at once.
 set -euo pipefail
 
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+unset CDPATH # with it cd prints where it went
+root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 venv=$root/.venv
 log=$root/.setup.log

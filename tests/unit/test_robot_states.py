@@ -196,6 +196,17 @@ def test_an_answer_that_came_before_anybody_could_see_the_question_does_not_coun
     assert robot.confirm_fin().accepted
 
 
+@pytest.mark.parametrize("fault", [stopped_unseen, unplugged_unseen])
+def test_an_answer_to_a_question_from_before_an_unseen_fault_does_not_count(fault: Callable[[Robot], None]) -> None:
+    robot = Robot()
+    robot.become_ready()
+    robot.request_reset()
+    robot.wait(5.0)
+    fault(robot)
+    assert not robot.states.confirm_mark(robot.device, robot.now).accepted
+    assert robot.confirm_mark().accepted
+
+
 def test_a_reset_that_is_asked_for_again_and_again_can_still_be_answered() -> None:
     robot = Robot()
     robot.become_ready()

@@ -47,6 +47,7 @@ class _Request:
         message: The service's request.
         deadline: s of the monotonic clock, after which nobody waits for the answer.
         without_answer: What is said then.
+        to: The state that a confirmation answers; it is not sent any more once the driver is in another one.
         future: Of the answer, None until the service was found.
     """
 
@@ -55,6 +56,7 @@ class _Request:
     message: Any
     deadline: float
     without_answer: str
+    to: PlantState | None = None
     future: Any = None
 
 
@@ -122,7 +124,8 @@ class DriverClient:
         if client is None:
             client, message = self._change_state, ChangeState.Request(transition=Transition(id=TRANSITIONS[action]))
         lost = f"{action}: no answer from {self._name}: is it running?"
-        self._send(_Request(action, client, message, time.monotonic() + _ANSWER_SECONDS, lost))
+        asked = self.state if action in SERVICES else None
+        self._send(_Request(action, client, message, time.monotonic() + _ANSWER_SECONDS, lost, asked))
 
     def emergency_stop(self, *, on: bool) -> None:
         """Latch the emergency stop at once, or release it."""
@@ -142,6 +145,9 @@ class DriverClient:
         """Send what can be sent, and take the answers."""
         waiting = []
         for request in self._requests:
+            if request.future is None and request.to is not None and request.to != self.state:
+                self.answer = f"{request.name}: the driver waits for something else now, look again"
+                continue
             if request.future is None and request.client.service_is_ready():
                 request.future = request.client.call_async(request.message)
             if request.future is not None and request.future.done():

@@ -153,14 +153,14 @@ class Keyboard:
     def __init__(self, client: DriverClient) -> None:
         """Start with nothing asked."""
         self._client = client
-        self._step: tuple[str, str] = ("", "")
+        self._step: tuple[str, ...] = ("", "")
         self._step_since = self._last_enter = self._leave_since = -math.inf
 
     def look(self, now: float) -> None:
         """Note at ``now`` s what the driver waits for, as it is shown from now on."""
         state = self._client.state
         silent = self._client.silence() > _SILENT
-        step = (next_step(state)[1], state.reason) if state and not silent else ("", "")
+        step = (next_step(state)[1], state.reason, *state.details.values()) if state and not silent else ("", "")
         if step != self._step:
             self._step, self._step_since = step, now
 
@@ -195,7 +195,7 @@ class Keyboard:
     def _enter(self, now: float) -> None:
         bounced = now - self._last_enter < _CALM
         self._last_enter = now
-        action, _ = self._step
+        action = self._step[0]
         if bounced:
             return
         if not action:

@@ -148,6 +148,7 @@ class RobotStates:
         if not self.emergency:
             return Answer(accepted=True, text="the emergency stop was not latched")
         self._mark_owed = True  # first: another thread may look between the two
+        self._asked = ()
         self.emergency = False
         return Answer(accepted=True, text="released; the fish is expected back at its mark")
 
@@ -177,12 +178,18 @@ class RobotStates:
         """
         if device is not None and (not device.connected or device.reconnects != self._reconnects):
             self._mark_owed = True
+            if device.reconnects != self._reconnects:
+                self._asked = ()  # the question is a new one, though nobody has looked in between
             self._reconnects = device.reconnects
         standing = self._standing(device)
         asked = (standing.waiting, *self._wanted.values()) if standing.waiting is Waiting.FIN else (standing.waiting,)
         if asked != self._asked:
             self._asked, self._asked_at = asked, now
         return standing
+
+    def fault(self) -> None:
+        """Note a fault after which the mark is owed."""
+        self._mark_owed = True
 
     def new_device(self) -> None:
         """Note that there is a device from now on; its count of reconnects begins anew."""

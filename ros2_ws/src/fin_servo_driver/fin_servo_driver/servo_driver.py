@@ -261,6 +261,7 @@ class ServoDriver:
         if self._io is not None:
             self._io.disarm()
             self._io.wait_for({Phase.DISARMED}, self._patience)
+            self._look()  # a device that was lost meanwhile is a fault
             self._io.close()
             self._io = None
         self._states.failure = NOT_CONFIGURED
@@ -269,6 +270,7 @@ class ServoDriver:
     def recover(self) -> None:
         """Make the device safe and close the port after something unforeseen, which stays the reason."""
         self.release()
+        self._states.fault()
         self._states.failure = self._refusal
 
     def refused(self, what: str, reason: str) -> None:
