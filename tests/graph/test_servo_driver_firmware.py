@@ -309,7 +309,11 @@ def test_the_pulses_stop_when_the_driver_is_asked_to_end(
     assert driver.wait(10.0) == 128 + number
     wait_until(board.silent, 30.0, "silence")
     check_end(board)
-    assert board.pulses[-2].set_width == 1500.0
+    widths = np.array([pulse.set_width for pulse in board.pulses[:-1]])
+    # No leap to neutral: what the tail beats in two frames of 20 ms, for one may be lost at the end.
+    assert (
+        np.abs(np.diff(widths[-5:])).max() <= 2.0 * 0.02 * 2.0 * np.pi * 0.9 * np.radians(15.0) * UNITS_PER_RADIAN + 1.0
+    )
 
 
 def test_a_killed_driver_leaves_the_firmware_pulsing_and_its_successor_stops_it(
