@@ -134,10 +134,10 @@ def test_a_bag_of_an_older_version_is_scored_with_a_note(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(10))
 def test_ten_thousand_damages_of_a_bag_give_no_other_score(
     swim: Path, seed: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     if seed % 2:
         leave_open(swim)
-    assert damage_and_score(swim, mcap(swim).name, 2500, seed, capsys) > 1200
+    assert damage_and_score(swim, mcap(swim).name, 1000, seed, capsys) > 500

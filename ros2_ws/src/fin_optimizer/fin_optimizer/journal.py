@@ -153,8 +153,9 @@ class JournalLines:
         has_sums = self.count > self.without_sums
         missing = 0 if self._end is None else self._end - self.count
         if missing > 1:
+            holds = f"holds {self.count}" if self.journal.exists() else "is not there"
             msg = (
-                f"{self.journal} holds {self.count} entries and had {self._end}: the last {missing} are missing. "
+                f"{self.journal} {holds} and had {self._end} entries: the last {missing} are missing. "
                 f"Restore it from a copy; if there is none, delete {END_FILE} to go on with what is left"
             )
             raise StudyError(msg)

@@ -25,6 +25,7 @@ from fin_optimizer.plan import Plan
 from fin_optimizer.progress import display, show_best
 from fin_optimizer.provenance import provenance
 from fin_optimizer.repair_bags import repair_bags
+from fin_optimizer.resume_check import check_scores
 from fin_optimizer.study import front, is_for_another
 from fin_optimizer.trial import Outcome, Result
 from fin_plant import node_process, topics
@@ -107,6 +108,8 @@ class Optimizer:
             self._display.say(f"going on after {_count(done, 'trial')}, {show_best(self._study.best())}")
             for repair in repair_bags(self._study.folder, or_nothing=True):
                 self._display.say(f"note: {repair}")
+            for note in check_scores(self._study.folder, self._study.trials):
+                self._display.say(f"warning: {note}")
         for note in self._study.notes:
             self._display.say(f"note: {note}")
         if self._mode is Mode.HOLDING:

@@ -251,7 +251,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             failed = _tell(refused)
         for path, trial in wanted:
             try:
-                numbers, guarded = _numbers(path, trial, measured)
+                numbers, guarded = numbers_of(path, trial, measured)
             except MissingMeasurementError as error:
                 failed = _tell(f"{path}: {error}; --settle and --duration say it")
                 continue
@@ -262,8 +262,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 heads = [*numbers]
                 sys.stdout.write(f"{' '.join(f'{head:<20}' for head in heads)} bag\n")
             sys.stdout.write(f"{' '.join(map(repr, numbers.values()))} {path}\n")
-            if trial is not None and (difference := _difference(numbers, trial)):
-                failed = _tell(f"{path}: {difference}")
+            if trial is not None and (differs := difference(numbers, trial)):
+                failed = _tell(f"{path}: {differs}")
             without_sums.append(not guarded)
     _tell_unguarded(without_sums)
     return 2 if failed else 0
@@ -328,7 +328,9 @@ def _trials(path: Path) -> tuple[dict[Path, TrialRecord], str]:
         return {}, f"{error}: every bag of {path} is scored"
 
 
-def _numbers(path: Path, trial: TrialRecord | None, measured: Mapping[str, str]) -> tuple[dict[str, float], bool]:
+def numbers_of(
+    path: Path, trial: TrialRecord | None, measured: Mapping[str, str] = MappingProxyType({})
+) -> tuple[dict[str, float], bool]:
     """Return what a bag's trial achieved, by name and unit, and whether check sums guard it.
 
     Args:
@@ -355,7 +357,7 @@ def _numbers(path: Path, trial: TrialRecord | None, measured: Mapping[str, str])
     return numbers, bag.guarded
 
 
-def _difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
+def difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
     """Return which of a bag's numbers is not the one that its study has, or an empty text."""
     known = {_SPEED: trial.score, _SPREAD: trial.spread, _COST: trial.cost}
     differs = [name for name, value in numbers.items() if known[name] is not None and known[name] != value]
