@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import optuna
 import pytest
+from hypothesis import HealthCheck, given, settings, strategies
 
 from fin_optimizer import export, score_bag, show_study
 from fin_optimizer.journal import END_FILE, StudyError
@@ -101,6 +102,26 @@ def test_a_ledger_damaged_anywhere_is_refused_or_repaired_with_a_sentence(folder
     assert refused + repaired == rounds
     if name != END_FILE:
         assert refused > 0.8 * rounds
+
+
+@given(data=strategies.data())
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def test_whatever_stands_in_place_of_some_bytes_of_a_journal_no_number_changes(
+    folder: Path, data: strategies.DataObject
+) -> None:
+    journal = folder / JOURNAL_FILE
+    whole = journal.read_bytes()
+    true = read_trials(folder)
+    start = data.draw(strategies.integers(0, len(whole)))
+    end = data.draw(strategies.integers(start, min(len(whole), start + 300)))
+    journal.write_bytes(whole[:start] + data.draw(strategies.binary(max_size=50)) + whole[end:])
+    notes: list[str] = []
+    try:
+        check_trials(read_trials(folder, notes.append), true, notes)
+    except StudyError:
+        pass
+    finally:
+        journal.write_bytes(whole)
 
 
 @pytest.mark.long
