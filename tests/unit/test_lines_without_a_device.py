@@ -23,16 +23,12 @@ from fin_servo_driver.line import DeviceError, LineLostError, WrongDeviceError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from fin_servo_driver.backends.backend import Backend
+    from fin_servo_driver.backends.backend import Backend, Feedback
     from fin_servo_driver.emulator.devices import Device
 
-ANSWERING = ("firmata", "maestro", "modbus")
-CONFIRMING = tuple(name for name, kind in backends.BACKENDS.items() if kind.confirms and name != "dynamixel")
-"""A Dynamixel's answers carry id, kind, length and check sum, so an echo or noise is none; but one that was recorded
-earlier, or is repeated for ever, is told from a new one by nothing."""
-TRUSTING = tuple(sorted(backends.BACKENDS.keys() - {*ANSWERING, "dynamixel"}))
-UNDER_FORCE = 1.0
-"""s within which a device under force that answers nonsense is given up."""
+ANSWERING = ("dynamixel", "firmata", "maestro", "modbus")
+CONFIRMING = tuple(name for name, kind in backends.BACKENDS.items() if kind.confirms)
+TRUSTING = tuple(sorted(backends.BACKENDS.keys() - set(ANSWERING)))
 
 
 class Line:
@@ -96,8 +92,8 @@ def outputs(backend: Backend, part: float = 0.0) -> dict[int, float]:
     return {joint.channel: joint.centre + part * (joint.highest - joint.centre) for joint in backend.robot.servos}
 
 
-def swim(backend: Backend, line: Line, ticks: int) -> None:
-    for number in range(ticks):
+def swim(backend: Backend, line: Line, ticks: int, start: int = 0) -> None:
+    for number in range(start, start + ticks):
         Line.now += 1.0 / backend.rate
         backend.send(line, outputs(backend, float(np.sin(number / 20.0))))
         backend.read(line)
@@ -180,14 +176,6 @@ def test_no_line_without_a_device_is_taken_for_one(name: str) -> None:
         except DeviceError:
             continue
         pytest.fail(f"{what} was taken for {identity}")
-
-
-def test_an_echo_or_the_same_bytes_for_ever_are_no_dynamixel() -> None:
-    for what, make in false_lines("dynamixel").items():
-        if not what.startswith(("replay", "answer")):
-            backend, _ = backend_and_device("dynamixel")
-            with pytest.raises(DeviceError):
-                backend.identify(make())
 
 
 @pytest.mark.parametrize("name", ANSWERING)
@@ -306,3 +294,45 @@ def test_a_device_that_is_only_slow_or_loses_an_answer_is_not_lost(name: str) ->
 
     line.answer = lossy
     swim(backend, line, 200)
+
+
+@pytest.mark.parametrize("name", ["maestro", "modbus"])
+def test_a_board_that_starts_anew_is_noticed_at_any_moment_of_its_force(name: str) -> None:
+    for begin in range(5, 135, 3):
+        backend, device = backend_and_device(name)
+        line = line_to(device)
+        backend.identify(line)
+        backend.disable(line)
+        backend.enable(line, outputs(backend))
+        swim(backend, line, begin)
+        while not any(device.outputs.values()):
+            swim(backend, line, 1, begin)
+            begin += 1  # noqa: PLW2901
+        device.lose_power()
+        with pytest.raises(LineLostError, match="started anew"):
+            swim(backend, line, 120, begin)
+
+
+def test_what_answers_something_else_than_a_servo_under_force_is_given_up_and_measures_nothing() -> None:
+    for what, make in false_lines("dynamixel").items():
+        backend, device = backend_and_device("dynamixel")
+        line = line_to(device)
+        backend.identify(line)
+        backend.disable(line)
+        backend.enable(line, outputs(backend))
+        swim(backend, line, 5)
+        false = make()
+        line.answer, line.echoes = false.answer, false.echoes
+        measured: list[Feedback] = []
+        with pytest.raises(DeviceError):
+            follow(backend, line, 3.0, measured)
+        told = [feedback for feedback in measured if feedback != NOTHING]
+        assert "replay" in what or len(told) <= 1, what
+
+
+def follow(backend: Backend, line: Line, seconds: float, measured: list[Feedback]) -> None:
+    begin = Line.now
+    while Line.now - begin < seconds:
+        backend.send(line, outputs(backend))
+        measured.append(backend.read(line))
+        Line.now += 1.0 / backend.rate

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 import time
 
+import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from fin_plant.gait import Gait, JointDrive
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.backends.lcus import switch_frame
 from fin_servo_driver.line import LineStalledError
+from fin_servo_driver.relay import RelayMotion
 
 DEAD_TIME = 0.05
+JITTER = 1e-9
+"""Rounding of the times, s."""
 JOINTS = [{"left": 1, "right": 2}, {"left": 3, "right": 4}]
 ALL_OFF = dict.fromkeys((1, 2, 3, 4), 0.0)
 
@@ -107,3 +116,59 @@ def test_the_first_relay_waits_a_dead_time_after_the_board_was_switched_off(now:
     now[0] += 1.1 * DEAD_TIME
     subject.send(line, {**ALL_OFF, 1: 1.0})
     assert line.taken() == [(1, True)]
+
+
+class SlowBoard:
+    """A board at the end of a slow line: frames queue in the port, and switch when their last byte has come."""
+
+    def __init__(self, baud: int) -> None:
+        self.switched: dict[int, list[tuple[float, bool]]] = {}
+        self._seconds_a_byte = 10.0 / baud
+        self._free_at = 0.0
+
+    def write(self, data: bytes) -> None:
+        self._free_at = max(self._free_at, time.monotonic()) + len(data) * self._seconds_a_byte
+        channel, on = data[1], bool(data[2])
+        record = self.switched.setdefault(channel, [])
+        if on != (record[-1][1] if record else False):
+            record.append((self._free_at, on))
+
+    def read(self, timeout: float) -> bytes:
+        del timeout
+        return b""
+
+
+@pytest.mark.parametrize("name", ["lcus", "kmtronic"])
+@settings(max_examples=25, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    baud=st.sampled_from([2400, 9600, 115200]),
+    frequency=st.floats(0.3, 4.0),
+    late=st.sampled_from([0.0, 0.003, 0.02, 0.06]),
+)
+def test_dead_time_and_shortest_on_time_hold_at_the_board_however_late_a_tick_is(
+    name: str, seed: int, baud: int, frequency: float, late: float
+) -> None:
+    random = np.random.default_rng(seed)
+    robot = robot_file.parse({"device": name, "baud": baud, "joints": JOINTS})
+    subject, line, clock = backends.make(robot), SlowBoard(baud), [100.0]
+    motion = RelayMotion(robot.relays, robot.timing, 0.01)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(time, "monotonic", lambda: clock[0])
+        subject.disable(line)
+        motion.restart(0.2, {})
+        motion.command(Gait((JointDrive(0.2, frequency), JointDrive(0.2, frequency, 1.0))), clock[0])
+        for _ in range(250):
+            decided = motion.outputs(clock[0], 1.0)
+            clock[0] += random.uniform(0.0, late)  # between the decision and the frame
+            subject.send(line, decided)
+            clock[0] = 0.01 * math.ceil(clock[0] / 0.01 + 1e-6)
+    assert line.switched
+    for record in line.switched.values():
+        for (begin, on), (end, _) in itertools.pairwise(record):
+            assert not on or end - begin >= robot.timing.shortest_on - JITTER
+    for joint in robot.relays:
+        changes = sorted((at, on, side) for side in joint.channels for at, on in line.switched.get(side, []))
+        for (at, on, side), (later, comes_on, other) in itertools.pairwise(changes):
+            assert not (on and comes_on), "both on"
+            assert on or not comes_on or side == other or later - at >= robot.timing.dead_time - JITTER

@@ -2,10 +2,15 @@
 
 The SDK's port handler opens the port without `exclusive` and without a write timeout, so `SdkPort` takes its place. The
 servos' bus watchdog is armed with the torque: they stop by themselves when the host is gone.
+
+What only a servo can know is its control table, read in parts or lengths drawn anew each time: an echo has the
+instruction of the question, and neither the same answer for ever nor answers recorded earlier have the lengths that
+were asked for.
 """
 
 from __future__ import annotations
 
+import random
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -13,7 +18,7 @@ from typing import TYPE_CHECKING
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncWrite
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
-from fin_servo_driver.backends.backend import NOTHING, Backend, Feedback
+from fin_servo_driver.backends.backend import NOTHING, ONLY_AN_ECHO, Backend, Feedback
 from fin_servo_driver.line import LineLostError, LineStalledError, WrongDeviceError
 
 if TYPE_CHECKING:
@@ -30,6 +35,8 @@ TORQUE_TO_HARDWARE_ERROR = (64, 7)
 BUS_WATCHDOG = (98, 1)
 GOAL_POSITION = (116, 4)
 PRESENT_POSITION = (132, 4)
+IDENTITY = (0, 14)
+"""Model, id, baud rate, up to the protocol's version; the id is at 7."""
 PRESENT_VOLTAGE_AND_TEMPERATURE = (144, 3)
 POSITION_MODE = 3
 WATCHDOG_UNIT = 0.02
@@ -40,7 +47,15 @@ _WATCHDOG_TRIPPED = 0xFF
 _ERRORS = {0: "input voltage", 2: "overheating", 3: "encoder", 4: "electrical shock", 5: "overload"}
 _LOWEST_TOLD, _HIGHEST_TOLD = -2048, 6144
 """Ticks: a turn, and half of one to either side for a homing offset or a horn that was turned by hand."""
-# Answers of different lengths cannot be taken for one another.
+# Answers of different lengths cannot be taken for one another; those to one question after another for positions differ
+# too: what follows the position is asked for with it.
+_POSITION_BYTES = (4, 5, 6, 8)
+_POSITION_BYTES_MEAN = sum(_POSITION_BYTES) / len(_POSITION_BYTES)
+_WINDOWS_TO_IDENTIFY, _LENGTHS_TO_CONFIRM = 5, 5
+"""Parts of `IDENTITY` at random, one of 56 each; lengths from the torque on in random order, one of 2,520."""
+_LOST_AT_MOST = 2
+"""Answers to one of those."""
+_ID_REGISTER = 7
 _HEALTH = (TORQUE_TO_HARDWARE_ERROR, BUS_WATCHDOG, PRESENT_VOLTAGE_AND_TEMPERATURE)
 _HEALTH_EVERY = 1.0 / len(_HEALTH)
 _SILENCE, _SILENCE_UNDER_FORCE = 0.5, 0.15
@@ -48,7 +63,9 @@ _SILENCE, _SILENCE_UNDER_FORCE = 0.5, 0.15
 # Bytes of packets: sync write and sync read without their servos, a status packet without data, a ping, a goal.
 _SYNC_BYTES, _STATUS_BYTES, _PING_BYTES, _GOAL_BYTES = 14, 11, 10, 5
 _PING, _PING_DATA = 1, 3
-_ID_AT, _LENGTH_AT, _ERROR_AT = 4, 5, 8
+_ID_AT, _LENGTH_AT, _INSTRUCTION_AT, _ERROR_AT = 4, 5, 7, 8
+_STATUS = 0x55
+"""The instruction of an answer; an echo has that of the question."""
 _LENGTH_BESIDE_DATA = 4
 _BITS_A_BYTE = 10
 _BAUDS = (57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000)
@@ -68,7 +85,7 @@ _PATIENCE_AT_REST = 0.02
 def highest_rate(baud: int, servos: int) -> float:
     """Return how many set-points a second a line carries with the positions that are read back, 0 for too few."""
     goals = _SYNC_BYTES + _GOAL_BYTES * servos
-    question, answers = _SYNC_BYTES + servos, (_STATUS_BYTES + PRESENT_POSITION[1]) * servos
+    question, answers = _SYNC_BYTES + servos, (_STATUS_BYTES + _POSITION_BYTES_MEAN) * servos
     tick = (goals + question + answers) * _BITS_A_BYTE / baud + _ADAPTER_DELAY + servos * _RETURN_DELAY
     return next((rate for rate in _RATES if tick <= _LOAD / rate), 0.0)
 
@@ -81,8 +98,14 @@ class SdkPort:
         self.baudrate = baud
         self._line = line
         self._waiting = bytearray()
+        self._heard = self._written = b""
         self._deadline = 0.0
         self._over = False
+
+    @property
+    def heard_itself(self) -> bool:
+        """Whether the packet that was written last has come back."""
+        return self._written in self._heard
 
     def getBaudRate(self) -> int:  # noqa: N802
         """Return the bits a second."""
@@ -105,14 +128,17 @@ class SdkPort:
         """
         if not self._waiting and not self._over:
             self._over = time.monotonic() > self._deadline
-            self._waiting += self._line.read(0.0 if self._over else 0.001)
+            data = self._line.read(0.0 if self._over else 0.001)
+            self._waiting += data
+            self._heard += data
         result = bytes(self._waiting[: max(0, length)])
         del self._waiting[: len(result)]
         return result
 
     def writePort(self, packet: list[int]) -> int:  # noqa: N802
         """Write a packet."""
-        self._line.write(bytes(packet))
+        self._heard, self._written = b"", bytes(packet)
+        self._line.write(self._written)
         return len(packet)
 
     def setPacketTimeout(self, packet_length: int) -> None:  # noqa: N802
@@ -166,12 +192,18 @@ class Dynamixel(Backend):
         self._asked_health = 0.0
         self._turn = 0
         self._is_asking = False
+        self._random = random.SystemRandom()
+        self._misfit = False
+        self._position_bytes = [PRESENT_POSITION[1]] * 2
 
     def identify(self, line: Line) -> str:
         """Ping every id, and see to it that it is in position mode."""
         found = []
         for servo in self._servos:
             answer = self._ping(line, servo)
+            if answer is None and self._open(line).heard_itself:
+                msg = f"{ONLY_AN_ECHO}; check the power of id {servo}, its id and baud rate"
+                raise WrongDeviceError(msg)
             if answer is None:
                 msg = (
                     f"no Dynamixel with id {servo} answers a ping at {self._baud} baud: check power, id and baud rate "
@@ -192,10 +224,35 @@ class Dynamixel(Backend):
                     "Wizard"
                 )
                 raise WrongDeviceError(msg)
+            self._require_own_answers(line, servo, answer[:2])
             found.append(f"id {servo} model {model}")
-        self._under_force = False
+        self._under_force = self._misfit = False
         self._heard_all()
         return f"Dynamixel {', '.join(found)}"
+
+    def _require_own_answers(self, line: Line, servo: int, model: bytes) -> None:
+        """Read parts of the control table at random, which answers recorded earlier do not fit.
+
+        Raises:
+            WrongDeviceError: The answers do not fit the questions.
+        """
+        whole = self._read_surely(line, servo, IDENTITY)
+        fits = whole[:2] == model and whole[_ID_REGISTER] == servo
+        for _ in range(_WINDOWS_TO_IDENTIFY):
+            first = self._random.randint(0, _ID_REGISTER)
+            end = self._random.randint(_ID_REGISTER + 1, IDENTITY[1])
+            fits = fits and self._read_surely(line, servo, (first, end - first)) == whole[first:end]
+        if not fits:
+            msg = f"what answers for id {servo} gives answers that do not fit the questions: is it a Dynamixel X?"
+            raise WrongDeviceError(msg)
+
+    def _read_surely(self, line: Line, servo: int, register: tuple[int, int]) -> bytes:
+        for _ in range(1 + _LOST_AT_MOST):
+            told = self._read(line, [servo], register).get(servo)
+            if told is not None:
+                return told
+        msg = f"id {servo} answers a ping, but does not tell what it is asked for: is it a Dynamixel X?"
+        raise WrongDeviceError(msg)
 
     # -- packets -----------------------------------------------------------------------------------------------------
 
@@ -245,15 +302,18 @@ class Dynamixel(Backend):
     def _answers(self, port: SdkPort, servos: Collection[int], length: int) -> dict[int, bytes]:
         """Return error number and data of the status packets, by id, until all have come or the time is over.
 
-        A packet of another length is a late answer to another question, and passed over.
+        A packet of another length is a late answer to another question, and passed over, as are the echoes on two wires
+        where the receiver stays on.
         """
         self._is_asking = True
         found: dict[int, bytes] = {}
         while len(found) < len(servos) and not port.isPacketTimeout():
             packet, result = self._packets.rxPacket(port, False)  # noqa: FBT003 - the SDK's own
-            if result != COMM_SUCCESS or packet[_ID_AT] not in servos:
+            if result != COMM_SUCCESS or packet[_ID_AT] not in servos or packet[_INSTRUCTION_AT] != _STATUS:
                 continue
-            if packet[_LENGTH_AT] | packet[_LENGTH_AT + 1] << 8 == length + _LENGTH_BESIDE_DATA:
+            if packet[_LENGTH_AT] | packet[_LENGTH_AT + 1] << 8 != length + _LENGTH_BESIDE_DATA:
+                self._misfit = True
+            else:
                 found[packet[_ID_AT]] = bytes(packet[_ERROR_AT : _ERROR_AT + 1 + length])
         self._is_asking = False
         return found
@@ -305,8 +365,7 @@ class Dynamixel(Backend):
             self._write_together(line, TORQUE_ENABLE, off)
         self._write_together(line, BUS_WATCHDOG, off)
         for _ in range(_DISABLE_TRIES):
-            told = self._read(line, self._servos, TORQUE_TO_HARDWARE_ERROR)
-            unsure = [servo for servo in self._servos if servo not in told or told[servo][0] != 0]
+            unsure = self._not_surely_off(line)
             if not unsure:
                 return
             self._let_answers_pass(line)
@@ -314,6 +373,16 @@ class Dynamixel(Backend):
         servos = ", ".join(map(str, unsure))
         msg = f"id {servos} did not confirm that the torque is off; has it power?"
         raise LineStalledError(msg)
+
+    def _not_surely_off(self, line: Line) -> list[int]:
+        """Return the servos that have not told, with each of several lengths, that their torque is off."""
+        address, longest = TORQUE_TO_HARDWARE_ERROR
+        for length in self._random.sample(range(1, longest + 1), _LENGTHS_TO_CONFIRM):
+            told = self._read(line, self._servos, (address, length))
+            unsure = [servo for servo in self._servos if servo not in told or told[servo][0] != 0]
+            if unsure:
+                return unsure
+        return []
 
     def _let_answers_pass(self, line: Line) -> None:
         """Read away what comes until nothing does, for as long as answers to one question take at most."""
@@ -328,14 +397,25 @@ class Dynamixel(Backend):
         Raises:
             LineLostError: A servo has fallen silent, or has let go by itself.
         """
-        answers = self._read(line, self._servos, PRESENT_POSITION, self._wait)
+        answers = self._ask_positions(line)
         self._note_answers(answers)
-        told = {servo: int.from_bytes(data, "little", signed=True) for servo, data in answers.items()}
+        told = {servo: int.from_bytes(data[:4], "little", signed=True) for servo, data in answers.items()}
         positions = {servo: float(ticks) for servo, ticks in told.items() if _LOWEST_TOLD <= ticks <= _HIGHEST_TOLD}
         health = self._health(line) if time.monotonic() - self._asked_health >= _HEALTH_EVERY else NOTHING
         strange = [f"id {servo} stands at {told[servo]}, outside a turn" for servo in told.keys() - positions.keys()]
         faults = [*strange, *([health.fault] if health.fault else [])]
         return replace(health, positions=positions, fault="; ".join(faults))
+
+    def _ask_positions(self, line: Line) -> dict[int, bytes]:
+        """Return what the servos tell of their positions; nothing where an answer before did not fit its question.
+
+        The length is none of the last two, so an answer that is one or two questions old fits no more.
+        """
+        before, self._misfit = self._misfit, False
+        length = self._random.choice([length for length in _POSITION_BYTES if length not in self._position_bytes])
+        self._position_bytes = [self._position_bytes[-1], length]
+        answers = self._read(line, self._servos, (PRESENT_POSITION[0], length), self._wait)
+        return {} if before else answers
 
     def _heard_all(self) -> None:
         self._heard = dict.fromkeys(self._servos, time.monotonic())

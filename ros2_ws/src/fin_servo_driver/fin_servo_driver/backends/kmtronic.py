@@ -1,4 +1,8 @@
-"""KMTronic relay boards: ``FF channel state``. They answer nothing to it and stay in their last state."""
+"""KMTronic relay boards: ``FF channel state``. They answer nothing to it and stay in their last state.
+
+So nothing tells the board from an echo or from nothing: it is taken on trust, no "off" is confirmed, and a restart,
+after which all relays are off, is not noticed. Frames are repeated while the tail is at rest.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""LCUS relay boards (USB, CH340): ``A0 channel state sum``. They answer nothing and stay in their last state."""
+"""LCUS relay boards (USB, CH340): ``A0 channel state sum``. They answer nothing and stay in their last state.
+
+So nothing tells the board from an echo or from nothing: it is taken on trust, no "off" is confirmed, and a restart,
+after which all relays are off, is not noticed. Frames are repeated while the tail is at rest.
+"""
 
 from __future__ import annotations
 

@@ -36,8 +36,11 @@ _LOOK_EVERY = 0.1
 """s between two looks at coils that are on: a board that starts anew has them off."""
 _UNANSWERED = 3
 """Looks in a row without an answer after which a board with coils that are on counts as lost."""
-_QUESTIONS_TO_IDENTIFY, _QUESTIONS_TO_CONFIRM = 8, 5
-"""Of either length: answers recorded earlier fit one order out of 12,870, and one out of 252."""
+_QUESTIONS_TO_IDENTIFY, _QUESTIONS_TO_CONFIRM = 8, 6
+"""Of either length: answers recorded earlier fit one order out of 12,870, and one out of 924."""
+_LOST_AT_MOST = 2
+"""Answers, of all to such a row of questions."""
+_COILS, _REFUSAL = "coils", "a refusal"
 
 
 def crc16(data: bytes) -> bytes:
@@ -112,6 +115,7 @@ class Modbus(RelayBackend):
         self._first = min(used)
         self._count = max(used) - self._first + 1
         self._echoes = False
+        self._long_gets = _REFUSAL
         self._looked = 0.0
         self._unanswered = 0
         self._random = random.SystemRandom()
@@ -124,6 +128,8 @@ class Modbus(RelayBackend):
         self._echoes = self._hears_itself(line)
         for left in reversed(range(_TRIES)):
             try:
+                gets = (self._told(line, is_long=True)[0] for _ in range(_TRIES))
+                self._long_gets = next(filter(None, gets), "")
                 self._told_coils(line, _QUESTIONS_TO_IDENTIFY)
                 break
             except LineStalledError as error:
@@ -160,39 +166,46 @@ class Modbus(RelayBackend):
     def _told_coils(self, line: Line, questions: int) -> set[int]:
         """Return which coils between the lowest and the highest of the joints are on, by the last of many answers.
 
-        Of the questions of either length, in random order, each short one must get an answer of its length; a long one
-        gets an answer of its own length, a refusal where the board has fewer coils, or none.
+        Of the questions of either length, in random order, each must get the answer that fits it: a short one its
+        coils, a long one more coils, or a refusal where the board has no more, always the same. Few answers may be
+        lost. A board that says nothing to a long one is asked twice as often.
 
         Raises:
             LineStalledError: The answers do not fit the questions, or do not come.
         """
+        if not self._long_gets:
+            questions *= 2
         on: set[int] = set()
+        left = _LOST_AT_MOST
         for is_long in self._random.sample((False, True), counts=(questions, questions), k=2 * questions):
-            count = self._count + _COILS_A_BYTE * is_long
-            told = None
-            for _ in range(1 if is_long else _TRIES):
-                told = self._coils(line, count)
-                if told is not None:
-                    break
-            if not is_long:
-                if told is None:
-                    msg = (
-                        f'Modbus unit {self._unit} does not tell its coils (function 01), by which alone an "off" is '
-                        "confirmed: is options: unit right, and are the relays of this board coils?"
-                    )
-                    raise LineStalledError(msg)
-                on = told
+            expected = self._long_gets if is_long else _COILS
+            gets, told = self._told(line, is_long=is_long)
+            while not gets and expected and left:
+                left -= 1
+                gets, told = self._told(line, is_long=is_long)
+            if gets != expected:
+                asked = "more coils than it may have" if is_long else "its coils"
+                msg = (
+                    f'Modbus unit {self._unit} does not tell its coils (function 01), by which alone an "off" is '
+                    f"confirmed: asked for {asked} it gave {gets or 'no answer'}; is options: unit right, and are the "
+                    "relays of this board coils?"
+                )
+                raise LineStalledError(msg)
+            on = on if is_long else told
         return on
 
-    def _coils(self, line: Line, count: int) -> set[int] | None:
-        """Ask for so many coils; return which are on, None without an answer or if it is refused.
+    def _told(self, line: Line, *, is_long: bool) -> tuple[str, set[int]]:
+        """Ask for the coils of the joints, or for a byte more; return what was answered, and which are on.
 
         Raises:
             LineStalledError: The answer is that to another question.
         """
+        count = self._count + _COILS_A_BYTE * is_long
         answer, heard = self._ask(line, read_coils(self._unit, self._first, count))
-        if answer is None or answer[1] != _READ_COILS:
-            return None
+        if answer is None:
+            return "", set()
+        if answer[1] != _READ_COILS:
+            return _REFUSAL, set()
         if answer[2] != -(-count // _COILS_A_BYTE):
             msg = (
                 f"the answers of Modbus unit {self._unit} do not fit the questions: asked for {count} coils, got "
@@ -200,7 +213,7 @@ class Modbus(RelayBackend):
             )
             raise LineStalledError(msg)
         bits = int.from_bytes(answer[3:-2], "little")
-        return {self._first + index for index in range(count) if bits >> index & 1}
+        return _COILS, {self._first + index for index in range(self._count) if bits >> index & 1}
 
     def enable(self, line: Line, neutral: Outputs) -> None:
         """Switch all relays off, unless the board has said that they are: that is the neutral of a relay tail."""
@@ -254,17 +267,35 @@ class Modbus(RelayBackend):
             LineLostError: They do not, or the board has fallen silent.
         """
         is_on = any(self._on.values())
-        is_due = time.monotonic() - self._looked >= _LOOK_EVERY if is_on else self._life.due()
-        if is_due and self._strange(line) and (strange := self._strange(line)):  # an answer may be late: ask twice
+        if time.monotonic() - self._looked >= _LOOK_EVERY if is_on else self._life.due():
+            self._require_as_switched(line)
+        if is_on and self._unanswered >= _UNANSWERED:
+            msg = f"Modbus unit {self._unit} has fallen silent: it does not tell its coils; has it power?"
+            raise LineLostError(msg)
+        return NOTHING
+
+    def send(self, line: Line, outputs: Outputs) -> None:
+        """Switch what has changed; before a relay goes off make sure that it was still on.
+
+        Raises:
+            LineLostError: It was not.
+        """
+        if any(self._on.get(channel) and not value for channel, value in outputs.items()):
+            self._require_as_switched(line)
+        super().send(line, outputs)
+
+    def _require_as_switched(self, line: Line) -> None:
+        """Make sure that the relays are as they were switched, as far as the board answers.
+
+        Raises:
+            LineLostError: They are not, or the answer does not fit the question.
+        """
+        if self._strange(line) and (strange := self._strange(line)):  # an answer may be late: ask twice
             msg = (
                 f"Modbus unit {self._unit} says that relays {sorted(strange)} are not as they were switched: has it "
                 "started anew by itself? Does a coil draw its supply down?"
             )
             raise LineLostError(msg)
-        if is_on and self._unanswered >= _UNANSWERED:
-            msg = f"Modbus unit {self._unit} has fallen silent: it does not tell its coils; has it power?"
-            raise LineLostError(msg)
-        return NOTHING
 
     def _strange(self, line: Line) -> set[int]:
         """Return the relays that are not as they were switched; none without an answer.
@@ -274,11 +305,11 @@ class Modbus(RelayBackend):
         """
         self._looked = time.monotonic()
         try:
-            told = self._coils(line, self._count)
+            gets, told = self._told(line, is_long=False)
         except LineStalledError as error:
             raise LineLostError(str(error)) from error
-        self._unanswered = 0 if told is not None else self._unanswered + 1
-        if told is None:
+        self._unanswered = 0 if gets == _COILS else self._unanswered + 1
+        if gets != _COILS:
             return set()
         self._life.heard()
         return {channel for channel, value in self._on.items() if (channel in told) != (value > 0.0)}

@@ -221,7 +221,9 @@ class Dynamixel(Device):
         """Put servos on the bus; ``present`` tells where one stands, in ticks."""
         super().__init__()
         self.tables = {servo: bytearray(200) for servo in servos}
-        for table in self.tables.values():
+        for servo, table in self.tables.items():
+            # An XL430-W250: model, firmware, id, 57,600 baud, return delay, drive mode; secondary id, protocol 2.
+            table[:14] = b"\x24\x04\x00\x00\x00\x00\x2d" + bytes((servo, 1, 250, 0, 3, 0xFF, 2))
             table[dynamixel.OPERATING_MODE[0]] = dynamixel.POSITION_MODE
             table[144:147] = (120).to_bytes(2, "little") + bytes((35,))  # 12.0 V, 35 degrees Celsius
         self._present = present
@@ -267,7 +269,9 @@ class Dynamixel(Device):
         own = packet.servo in self.tables
         if packet.instruction == packets.PING:
             asked = list(self.tables) if packet.servo == packets.BROADCAST else [packet.servo] * own
-            return b"".join(self._status(servo, b"\x06\x04\x2d") for servo in asked)  # an XL430-W250
+            return b"".join(
+                self._status(servo, bytes(self.tables[servo][index] for index in (0, 1, 6))) for servo in asked
+            )
         if packet.instruction == packets.READ and own:
             return self._status(packet.servo, self._read(packet.servo, first, second))
         if packet.instruction == packets.WRITE and own:
