@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -160,6 +161,7 @@ class Lane:
         """Begin a trial that the journal knows as RUNNING; its bag goes into the study's folder."""
         self.record, self._folder = record, folder
         self._facts.bag_error, self._facts.result, self._facts.other_fish = "", None, None
+        self.plant.velocity_trouble = ""
         self.trial = Trial(
             self.namespace, self._plan.fin_of(record.values), self._plan.measurement, self._plan.timeouts
         )
@@ -191,8 +193,16 @@ class Lane:
             fast = self._fast or self._was_fast
             self._look_due = time.monotonic() + (_FAST_LOOK_PERIOD if fast else _LOOK_PERIOD)
         if trial.result is not None:
+            trial.result = self._diagnosed(trial.result)
             return 0.0
         return max(0.0, self._look_due - time.monotonic())
+
+    def _diagnosed(self, result: Result) -> Result:
+        """Return a result that is about the velocity with what its estimator complained about."""
+        trouble = self.plant.velocity_trouble
+        if result.outcome is not Outcome.FAILED or "velocity" not in result.reason or not trouble:
+            return result
+        return replace(result, reason=f"{result.reason}; the velocity estimator said: {trouble}")
 
     def cancel(self, reason: str) -> None:
         """End the trial because somebody stopped it: the gait off, the bag closed."""

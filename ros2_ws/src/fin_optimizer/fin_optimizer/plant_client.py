@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING, Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -17,7 +18,7 @@ from fin_plant.messages import gait_from_message, gait_message, plant_state_from
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from diagnostic_msgs.msg import DiagnosticStatus
+    from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.client import Client
     from rclpy.node import Node
     from rclpy.task import Future
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from fin_plant.parameters import Value
     from fin_plant.plant_state import PlantState
 
+_ESTIMATOR = "velocity_estimator"
+"""Name of the node that turns a tracker's poses into the velocity of a robot."""
 _LOOK_PERIOD = 0.05
 """s between two looks at the graph, which take longer than a look at a variable."""
 _NAME_TO_COME = "_NODE_NAME_UNKNOWN_"
@@ -42,6 +45,7 @@ class PlantClient:
         fin_reply: Answer to the last `set_fin`, None before it has come.
         reset_reply: Answer to the last `request_reset`, None before it has come.
         changed: Something new has come; the owner sets it back.
+        velocity_trouble: What the estimator of the velocity complained about last; the owner sets it back.
         applied: The gait that the plant said last it follows, None before.
         parameters: What `ask_parameters` learnt, by name, None before the answer has come.
     """
@@ -67,6 +71,10 @@ class PlantClient:
             topics.PLANT_STATE.type, topics.PLANT_STATE.name_in(namespace), self._on_state, topics.PLANT_STATE.qos
         )
         self._state_topic = str(state.topic_name)
+        self.velocity_trouble = ""
+        self._estimator = f"{namespace.rstrip('/')}/{_ESTIMATOR}: "
+        diagnostics = topics.DIAGNOSTICS
+        node.create_subscription(diagnostics.type, diagnostics.name, self._on_diagnostics, diagnostics.qos)
         applied = topics.GAIT_APPLIED
         node.create_subscription(applied.type, applied.name_in(namespace), self._on_applied, applied.qos)
 
@@ -76,6 +84,11 @@ class PlantClient:
             self.state = plant_state_from_message(message)
         except ValueError as error:
             self._node.get_logger().error(str(error))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.startswith(self._estimator) and status.level != DiagnosticStatus.OK:
+                self.velocity_trouble = str(status.message)
 
     def _on_applied(self, message: Float64MultiArray) -> None:
         self.changed = True
