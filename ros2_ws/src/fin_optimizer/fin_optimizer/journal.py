@@ -189,7 +189,7 @@ class JournalLines:
         total = check_sum(self._sum.encode(), line[:-_SUFFIX] if summed else line)
         if summed and line != line[:-_SUFFIX] + _SUM_HEAD + total.encode() + _SUM_TAIL:
             raise StudyError(self._mismatch(number))
-        self._check_operation(where, operation)
+        self._check_operation(where, operation, summed=summed)
         if not summed:
             self._take_in_without_sum(number, operation)
         self._sum = total
@@ -210,8 +210,8 @@ class JournalLines:
             "changed, or a line was taken away, doubled or moved: restore the file from a copy"
         )
 
-    def _check_operation(self, where: str, operation: object) -> None:
-        """Look at what a line says.
+    def _check_operation(self, where: str, operation: object, *, summed: bool) -> None:
+        """Look at what a line says; one whose check sum fits may say more than is known here.
 
         Raises:
             StudyError: It cannot be what this program wrote.
@@ -228,6 +228,13 @@ class JournalLines:
                 "fin_optimizer and optuna, or it is damaged"
             )
             raise StudyError(msg)
+        if not summed:
+            self._check_entries(where, operation)
+        self._check_target(where, operation)
+
+    @staticmethod
+    def _check_entries(where: str, operation: Operation) -> None:
+        code = operation["op_code"]
         needed = {**_IN_ALL, **_ENTRIES[code]}
         known = {**needed, **_MAY_HAVE.get(code, {}), CHECK_SUM: _TEXT}
         wrong = [name for name in needed if name not in operation]
@@ -238,7 +245,6 @@ class JournalLines:
                 "unknown or of another kind. Restore the file from a copy, or use the version that wrote it"
             )
             raise StudyError(msg)
-        self._check_target(where, operation)
 
     def _check_target(self, where: str, operation: Operation) -> None:
         """Look at what an operation is about: this journal's one study, or a trial that was created before.
@@ -247,8 +253,8 @@ class JournalLines:
             StudyError: It is something else.
         """
         begins = operation["op_code"] == _CREATE_STUDY
-        if begins and (self.count or operation["study_name"] != STUDY_NAME):
-            raise StudyError(self._foreign(where, f"begins another study, {operation['study_name']!r}"))
+        if begins and (self.count or operation.get("study_name") != STUDY_NAME):
+            raise StudyError(self._foreign(where, f"begins another study, {operation.get('study_name')!r}"))
         if not self.count and not begins:
             msg = f"{where} does not begin the study: the lines before it are missing, restore the file from a copy"
             raise StudyError(msg)
