@@ -134,6 +134,7 @@ def test_a_bag_of_an_older_version_is_scored_with_a_note(
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(10))
 def test_ten_thousand_damages_of_a_bag_give_no_other_score(
     swim: Path, seed: int, capsys: pytest.CaptureFixture[str]

@@ -125,6 +125,7 @@ def test_whatever_stands_in_place_of_some_bytes_of_a_journal_no_number_changes(
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("seed", range(4))
 def test_ten_thousand_damages_of_a_journal_are_refused_or_repaired_with_a_sentence(tmp_path: Path, seed: int) -> None:
     folder = make_study(tmp_path / "study", bags=seed % 2 == 0)
