@@ -117,7 +117,7 @@ def test_random_swim_is_right_or_says_that_it_is_not(swim: RandomSwim) -> None:
 
 @pytest.mark.long
 def test_random_swims_are_right_or_say_that_they_are_not() -> None:
-    count = int(os.environ.get("RANDOM_SWIMS", "2000"))
+    count = int(os.environ.get("RANDOM_SWIMS", "150"))
     given_up, wrong = 0, []
     for index, swim in enumerate(drawn(11, count)):
         swum = in_batch(swim)
