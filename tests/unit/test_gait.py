@@ -249,3 +249,11 @@ def test_a_relay_wave_changes_its_phase_without_another_stroke() -> None:
     levels = tail.levels(np.linspace(3.0, 6.0, 6001), 0.26)[:, 0]
     strokes = np.count_nonzero((levels[1:] != 0.0) & (levels[1:] != levels[:-1]))
     assert strokes <= 2 * 0.9 * 3.0 + 2
+
+
+def test_two_gaits_may_be_one_but_for_a_persons_rounding() -> None:
+    asked, applied = (Gait((JointDrive(amplitude, 0.9, 2.0 * math.pi),)) for amplitude in (0.2618, math.radians(15.0)))
+    assert applied.same_as(asked, rounding=1e-4)
+    assert not applied.same_as(asked)
+    assert not applied.same_as(Gait((JointDrive(0.2622, 0.9),)), rounding=1e-4)
+    assert not applied.same_as(Gait((JointDrive(0.2618, 0.9, 0.1),)), rounding=1e-4)

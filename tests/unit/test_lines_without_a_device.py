@@ -81,6 +81,16 @@ def line_to(device: Device, *, echoes: bool = False) -> Line:
     return Line(answer, device.opened(Line.now), echoes=echoes)
 
 
+def under_force(name: str) -> tuple[Backend, Device, Line]:
+    """Return a back end, its device and the line between them, identified and enabled."""
+    backend, device = backend_and_device(name)
+    line = line_to(device)
+    backend.identify(line)
+    backend.disable(line)
+    backend.enable(line, outputs(backend))
+    return backend, device, line
+
+
 def outputs(backend: Backend, part: float = 0.0) -> dict[int, float]:
     """Return a set-point, ``part`` of the way to each side."""
     if backend.robot.relays:
@@ -189,11 +199,7 @@ def test_an_echo_is_refused_by_name(name: str) -> None:
 @pytest.mark.parametrize("name", CONFIRMING)
 def test_no_line_without_a_device_confirms_that_it_is_off(name: str) -> None:
     for what, make in false_lines(name).items():
-        backend, device = backend_and_device(name)
-        real = line_to(device)
-        backend.identify(real)
-        backend.disable(real)
-        backend.enable(real, outputs(backend))
+        backend, _, real = under_force(name)
         swim(backend, real, 3)
         false = make()
         real.answer, real.echoes = false.answer, false.echoes
@@ -265,11 +271,7 @@ def test_an_adapter_that_hears_itself_is_refused_where_both_ways_have_their_own_
 @pytest.mark.parametrize("name", ["maestro", "modbus", "dynamixel"])
 def test_a_device_that_starts_anew_under_a_gait_is_noticed(name: str) -> None:
     for ticks in range(1, 60, 7):
-        backend, device = backend_and_device(name)
-        line = line_to(device)
-        backend.identify(line)
-        backend.disable(line)
-        backend.enable(line, outputs(backend))
+        backend, device, line = under_force(name)
         hold(backend, line, ticks + 5)
         assert any(device.outputs.values())
         device.lose_power()
@@ -279,11 +281,7 @@ def test_a_device_that_starts_anew_under_a_gait_is_noticed(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["dynamixel", "firmata", "maestro", "modbus"])
 def test_a_device_that_is_only_slow_or_loses_an_answer_is_not_lost(name: str) -> None:
-    backend, device = backend_and_device(name)
-    line = line_to(device)
-    backend.identify(line)
-    backend.disable(line)
-    backend.enable(line, outputs(backend))
+    backend, _, line = under_force(name)
     answer, count = line.answer, 0
 
     def lossy(data: bytes) -> bytes:
@@ -299,11 +297,7 @@ def test_a_device_that_is_only_slow_or_loses_an_answer_is_not_lost(name: str) ->
 @pytest.mark.parametrize("name", ["maestro", "modbus"])
 def test_a_board_that_starts_anew_is_noticed_at_any_moment_of_its_force(name: str) -> None:
     for begin in range(5, 135, 3):
-        backend, device = backend_and_device(name)
-        line = line_to(device)
-        backend.identify(line)
-        backend.disable(line)
-        backend.enable(line, outputs(backend))
+        backend, device, line = under_force(name)
         swim(backend, line, begin)
         while not any(device.outputs.values()):
             swim(backend, line, 1, begin)
@@ -315,11 +309,7 @@ def test_a_board_that_starts_anew_is_noticed_at_any_moment_of_its_force(name: st
 
 def test_what_answers_something_else_than_a_servo_under_force_is_given_up_and_measures_nothing() -> None:
     for what, make in false_lines("dynamixel").items():
-        backend, device = backend_and_device("dynamixel")
-        line = line_to(device)
-        backend.identify(line)
-        backend.disable(line)
-        backend.enable(line, outputs(backend))
+        backend, _, line = under_force("dynamixel")
         swim(backend, line, 5)
         false = make()
         line.answer, line.echoes = false.answer, false.echoes

@@ -122,9 +122,14 @@ class Gait:
         """Return the gait as an array (joints, 4) with the columns of ``COLUMNS``."""
         return np.array([[getattr(joint, name) for name in COLUMNS] for joint in self.joints])
 
-    def same_as(self, other: Gait) -> bool:
-        """Return whether the tail moves alike: equal numbers, phases up to whole turns and rounding."""
-        return len(self.joints) == len(other.joints) and _same(self.rows(), other.rows())
+    def same_as(self, other: Gait, rounding: float = 0.0) -> bool:
+        """Return whether the tail moves alike: equal numbers, phases up to whole turns and rounding.
+
+        Args:
+            other: Another gait.
+            rounding: Relative difference up to which two amplitudes, frequencies or biases count as equal.
+        """
+        return len(self.joints) == len(other.joints) and _same(self.rows(), other.rows(), rounding)
 
     def limited(self, sweep: float, highest_frequency: float) -> Gait:
         """Return the gait with every joint inside the limits (rad, Hz)."""
@@ -136,12 +141,14 @@ class Gait:
         return any(joint.moves for joint in self.joints)
 
 
-def _same(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def _same(one: NDArray[np.float64], other: NDArray[np.float64], rounding: float = 0.0) -> bool:
     """Return whether rows (joints, 4) are one gait; see `Gait.same_as`."""
     phase = COLUMNS.index("phase")
     turned = np.remainder(one[:, phase] - other[:, phase] + math.pi, 2.0 * math.pi) - math.pi
     others = np.arange(len(COLUMNS)) != phase
-    return bool(np.all(np.abs(turned) <= _SAME_PHASE) and np.array_equal(one[:, others], other[:, others]))
+    differences = np.abs(one - other)[:, others]
+    equal = np.all(differences <= rounding * np.abs(other)[:, others])
+    return bool(np.all(np.abs(turned) <= _SAME_PHASE) and equal)
 
 
 def carangiform(amplitude: float, frequency: float) -> Gait:
