@@ -15,7 +15,7 @@ from fin_optimizer.score import Measurement
 from fin_optimizer.search import Dimension, HillClimber, Space
 from fin_optimizer.study import SETTINGS_FILE, Objective, Policy, Settings, Study
 from fin_optimizer.trial import Timeouts
-from fin_plant.fin import Fin
+from fin_plant.fin import AREA, Fin
 from fin_plant.gait import Gait, JointDrive, carangiform
 
 if TYPE_CHECKING:
@@ -53,6 +53,8 @@ class Plan:
         self.timeouts = Timeouts(**{name: self.number(f"timeout.{name}") for name in names})
         self.plants = self._plants()
         details = {n: v for n, v in values.items() if n.startswith(_DECISIVE) and n not in space.names}
+        if _LENGTH in space.names:
+            details[AREA] = self.fin.area
         policy = Policy(self.count("repeats"), self.count("attempts"))
         self.settings = Settings(space, policy, details, self.objective)
 
@@ -113,11 +115,7 @@ class Plan:
 
     def fin_of(self, values: Mapping[str, float]) -> dict[str, Value]:
         """Return the fin of a candidate as the plant's parameters; the plant itself judges whether it can be."""
-        fin = {**self.fin.as_parameters(), **values}
-        if _LENGTH in values:  # the shape varies at a fixed area: a longer fin is less high
-            shrink = self.fin.length / values[_LENGTH]
-            fin |= {"fin.height": self.fin.height * shrink, "fin.tip_height": self.fin.tip_height * shrink}
-        return fin
+        return self.settings.fin_of(values)
 
     def study(self) -> Study:
         """Begin the study, or go on with it.

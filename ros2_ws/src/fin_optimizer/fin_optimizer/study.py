@@ -300,6 +300,8 @@ class Study:
         with contextlib.ExitStack() as unless_all_is_well:
             lock = unless_all_is_well.enter_context(locked(folder))
             study = cls(folder, own, lock)
+            if settings is not None and (left_out := [n for n in settings.details if n not in own.details]):
+                study.notes.append(_left_out(left_out, settings))
             study._fail_unfinished()
             unless_all_is_well.pop_all()
         return study
@@ -457,6 +459,11 @@ class Study:
                     self._storage.set_trial_state_values(self._ids[trial.number], optuna.trial.TrialState.FAIL)
                 self._refreshed(trial.number)
                 self.notes.append(f"trial {trial.number} was under way when the optimiser ended: FAILED, made again")
+
+
+def _left_out(names: Sequence[str], settings: Settings) -> str:
+    said = ", ".join(f"{name} (here {settings.details[name]!s})" for name in names)
+    return f"{SETTINGS_FILE} is an older version's and does not say {said}: go on with what it was begun with"
 
 
 def _rank(candidate: Candidate) -> tuple[float, int]:

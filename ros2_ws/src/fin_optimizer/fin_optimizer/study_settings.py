@@ -11,7 +11,7 @@ import re
 import uuid
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from optuna.study import StudyDirection
 
@@ -19,6 +19,7 @@ from fin_optimizer.checksums import CHECK_SUM, check_sum
 from fin_optimizer.journal import StudyError
 from fin_optimizer.search import Dimension, Space
 from fin_plant import checks
+from fin_plant.fin import AREA, scaled_to_area
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,6 +32,8 @@ _NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS}
 """What os.link says on vfat and exFAT, on CIFS, and in user space."""
 _CONTENT = ("format", "space", "policy", "objective", "details")
 """Entries of the settings file, beside those that tell this study from others and that it was not changed."""
+_ADDED = frozenset({AREA})
+"""Settings that studies of older versions lack."""
 _SETTINGS_SUM = re.compile(rf',\n  "{CHECK_SUM}": "([0-9a-f]+)"\n}}\n\Z')
 
 
@@ -95,8 +98,23 @@ class Settings:
         return {**bounds, **asdict(self.policy), "objective": str(self.objective), **self.details}
 
     def differences(self, other: Settings) -> list[str]:
-        """Return a text for each setting that differs, its value here first."""
-        return differing(self.flat(), other.flat())
+        """Return a text for each setting that differs, its value here first; an older version may leave some out."""
+        own = self.flat()
+        return differing(own, {n: value for n, value in other.flat().items() if n in own or n not in _ADDED})
+
+    def fin_of(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """Return the fin of a candidate as a plant's parameters, as far as the settings tell it.
+
+        Where the length varies the area stays, so a longer fin is less high. A study of an older version does not tell
+        the area; then the heights are left out.
+        """
+        fin: dict[str, Any] = {n: v for n, v in self.details.items() if n.startswith("fin.") and n != AREA}
+        fin |= values
+        if "fin.length" not in values:
+            return fin
+        if AREA in self.details:
+            return scaled_to_area(fin, cast("float", self.details[AREA]))
+        return {name: value for name, value in fin.items() if "height" not in name}
 
     def to_json(self) -> str:
         """Return the text of ``study.json``, which is another one for each study."""

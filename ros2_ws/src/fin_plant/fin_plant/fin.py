@@ -22,6 +22,9 @@ _DEFAULTS: dict[str, Any] = {name.removeprefix("fin."): entry.default for name, 
 
 _PROFILE = ("profile_position", "profile_height")
 
+AREA = "fin.area"
+"""Side area in m^2, by the name under which a study that varies a fin's length holds it; no parameter of a plant."""
+
 Hinges = Literal["between", "midpoint"]
 
 
@@ -143,6 +146,23 @@ class Fin:
         if any(profile.values()):
             return ProfiledFin(**checked, **{name: tuple(heights) for name, heights in profile.items()})  # type: ignore[arg-type]
         return Fin(**checked)  # type: ignore[arg-type]
+
+
+def scaled_to_area(parameters: Mapping[str, Any], area: float) -> dict[str, Any]:
+    """Return a fin's parameters with all heights scaled so that its side area is ``area`` m^2.
+
+    Nothing is checked: whether the fin can be is judged by the plant that gets it.
+    """
+    positions = (0.0, *parameters["fin.profile_position"], 1.0)
+    heights = (parameters["fin.height"], *parameters["fin.profile_height"], parameters["fin.tip_height"])
+    mean = sum(0.5 * (d + e) * (b - a) for (a, d), (b, e) in pairwise(zip(positions, heights, strict=True)))
+    factor = area / (mean * parameters["fin.length"])
+    return {
+        **parameters,
+        "fin.height": factor * parameters["fin.height"],
+        "fin.tip_height": factor * parameters["fin.tip_height"],
+        "fin.profile_height": [factor * height for height in parameters["fin.profile_height"]],
+    }
 
 
 @dataclass(frozen=True)

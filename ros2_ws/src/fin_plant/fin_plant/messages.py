@@ -75,7 +75,12 @@ _LEVELS = {
 
 def key_values(values: Mapping[str, object]) -> list[KeyValue]:
     """Return a mapping as the key-values of a diagnostic message; numbers keep all their digits."""
-    return [KeyValue(key=key, value=value if isinstance(value, str) else repr(value)) for key, value in values.items()]
+    return [KeyValue(key=key, value=as_text(value)) for key, value in values.items()]
+
+
+def as_text(value: object) -> str:
+    """Return a value as messages tell it: a text as it is, a number with all its digits."""
+    return value if isinstance(value, str) else repr(value)
 
 
 def plant_state_message(plant_state: PlantState) -> DiagnosticStatus:

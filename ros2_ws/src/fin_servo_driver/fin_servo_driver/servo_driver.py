@@ -19,6 +19,7 @@ from fin_plant import node_process, topics
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, Fin
 from fin_plant.gait import Gait
 from fin_plant.messages import (
+    as_text,
     gait_from_message,
     gait_message,
     key_values,
@@ -320,10 +321,10 @@ class ServoDriver:
         if begun is None or begun != self._stamp:
             self._stamp = max(self._stamp + 1, begun or time.time_ns())
         details = {"waiting_for": waiting.value if waiting else ""}
-        details |= {name: _as_text(self._values[name]) for name in LIMITS}
+        details |= {name: as_text(self._values[name]) for name in LIMITS}
         if waiting is Waiting.FIN:
-            details |= {f"wanted.{name}": _as_text(self._values[name]) for name in FIN_PARAMETERS}
-        mounted = {name: _as_text(value) for name, value in (self._states.mounted or {}).items()}
+            details |= {f"wanted.{name}": as_text(self._values[name]) for name in FIN_PARAMETERS}
+        mounted = {name: as_text(value) for name, value in (self._states.mounted or {}).items()}
         plant_state = PlantState(state, self._text("plant"), self._stamp, reason, mounted, details)
         self._state_topic.publish(plant_state_message(plant_state))
 
@@ -543,10 +544,6 @@ def _motion(robot: Robot, period: float) -> Motion:
     if robot.relays:
         return RelayMotion(robot.relays, robot.timing, period)
     return ServoMotion(robot.servos, period)
-
-
-def _as_text(value: Value) -> str:
-    return value if isinstance(value, str) else repr(value)
 
 
 def _ask_for_priority() -> None:

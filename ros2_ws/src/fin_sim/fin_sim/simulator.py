@@ -19,6 +19,7 @@ from fin_plant.fin import PLANT_PARAMETERS, Fin
 from fin_plant.gait import Gait, GaitFollower
 from fin_plant.messages import (
     NANOSECONDS,
+    as_text,
     gait_from_message,
     gait_message,
     key_values,
@@ -173,8 +174,8 @@ class Simulator:
         self._pace.set_speed(
             self._number("speed") if self._state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0
         )
-        fin = {name: _text(value) for name, value in self._values.items() if name.startswith("fin.")}
-        limits = {name: _text(self._values[name]) for name in LIMITS}
+        fin = {name: as_text(value) for name, value in self._values.items() if name.startswith("fin.")}
+        limits = {name: as_text(self._values[name]) for name in LIMITS}
         state = PlantState(self._state, "simulator", self._state_began, self._reason, fin, limits)
         self._state_topic.publish(plant_state_message(state))
 
@@ -399,10 +400,6 @@ class Simulator:
         message = DiagnosticArray(status=[status])
         message.header.stamp = time_message(self._stamp)
         self._diagnostics.publish(message)
-
-
-def _text(value: Value) -> str:
-    return value if isinstance(value, str) else repr(value)
 
 
 def main(args: list[str] | None = None) -> int:
