@@ -226,6 +226,61 @@ def test_a_program_that_forgets_to_close_still_ends_and_leaves_a_whole_bag(ros_d
     assert (bag.complete, bag.metadata) == (True, {"trial.number": "1"})
 
 
+LESS_THAN_USUAL = """
+import sys, time
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from fin_plant import topics
+from fin_plant.messages import time_message
+
+rclpy.init()
+node = rclpy.create_node("tracker", namespace=topics.NAMESPACE)
+qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
+publishers = [node.create_publisher(topic.type, topic.name, qos) for topic in (topics.POSE, topics.VELOCITY)]
+publishers += [node.create_publisher(topics.GAIT_APPLIED.type, topics.GAIT_APPLIED.name, QoSProfile(depth=1))]
+while True:
+    for publisher in publishers:
+        message = publisher.msg_type()
+        if publisher is not publishers[2]:
+            message.header.stamp = time_message(time.time_ns())
+        publisher.publish(message)
+    time.sleep(0.01)
+"""
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_publishers_that_offer_less_than_is_usual_are_recorded(
+    node: Node, tmp_path: Path, ros_domain: int, late: bool
+) -> None:
+    """As many trackers do; also one that is seen only after the bag was opened."""
+    less = (topics.POSE, topics.VELOCITY, topics.GAIT_APPLIED)
+    recorder = Recorder(node)
+    environment = os.environ | {"ROS_DOMAIN_ID": str(ros_domain), "PYTHONPATH": os.pathsep.join(sys.path)}
+    tracker = subprocess.Popen([sys.executable, "-c", LESS_THAN_USUAL], env=environment, start_new_session=True)
+    try:
+        if not late:
+            wait_until(lambda: all(map(recorder.received, less)), 20, "what a tracker sends", recorder.listen)
+        recorder.open(tmp_path / "bag", {})
+        wait_until(lambda: not recorder.unmatched(less), 20, "publishers", recorder.listen)
+        before = {topic.name: recorder.received(topic) for topic in less}
+        wait_until(
+            lambda: all(recorder.received(topic) > before[topic.name] + 20 for topic in less),
+            20,
+            "messages in the bag",
+            recorder.listen,
+        )
+        recorder.close()
+    finally:
+        tracker.kill()
+        tracker.communicate()
+        recorder.destroy()
+    bag = read_bag(tmp_path / "bag")
+    assert all(bag.counts[f"/fish/{topic.name}"] > 20 for topic in less)
+    if not late:
+        offered = bag.offered("/fish/pose")
+        assert (offered.reliability.name, offered.durability.name) == ("BEST_EFFORT", "VOLATILE")
+
+
 def test_the_recorder_says_what_is_missing_and_refuses_wrong_use(node: Node, tmp_path: Path) -> None:
     recorder = Recorder(node, topics=(topics.VELOCITY, topics.PLANT_STATE))
     assert recorder.unmatched([topics.VELOCITY, topics.PLANT_STATE]) == ["velocity", "plant_state"]

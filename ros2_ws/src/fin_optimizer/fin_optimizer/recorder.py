@@ -8,13 +8,14 @@ ten times as much. A thread compresses them, writes them and waits for the disk.
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from concurrent.futures import Future
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.type_support import check_is_valid_msg_type
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
@@ -30,7 +31,8 @@ from fin_optimizer.bag import (
 )
 from fin_optimizer.score import LONGEST_GAP, NANOSECONDS, ScoreError
 from fin_optimizer.score_bag import start_of_swim
-from fin_plant.topics import JOINT_STATES, PLANT_STATE, POSE, RECORDED_TOPICS, VELOCITY, Topic
+from fin_plant.discovery import ends_of, request, wanted
+from fin_plant.topics import EVERY_MESSAGE, JOINT_STATES, PLANT_STATE, POSE, RECORDED_TOPICS, VELOCITY, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -55,12 +57,17 @@ TAKEN_AT_ONCE = 500
 """Messages of one topic that `listen` takes before its owner and other callbacks have their turn."""
 ALL = 100_000
 """More messages than any queue of the middleware holds."""
+_LOOK_PERIOD = 0.2
+"""s between two looks at what the publishers offer."""
 LONGEST_PAUSE = 0.1
 """s between two calls of `listen`, at most: what waits longer than its queue is deep holds a fast plant back."""
 
 
 class Recorder:
     """Listens to a plant's topics from the start, and writes what it hears while a bag is open.
+
+    It asks for what all publishers of a topic offer, as rosbag2 does: a reliable listener hears nothing of a tracker
+    that offers best effort, as many do.
 
     Call it from one thread, and `listen` every `LONGEST_PAUSE` or more often. No executor has a part in it.
 
@@ -87,14 +94,26 @@ class Recorder:
         self._turns = sorted(self._ears.values(), key=lambda ear: ear.topic is not PLANT_STATE)
         self._closing = threading.Event()
         self._job: Future[BagSummary] | None = None
+        self._look_due = 0.0
 
     def listen(self) -> int:
         """Take what has arrived; return the number of messages."""
+        if self._job is None:
+            self._ask_for_what_is_offered()
         return sum(ear.take_waiting() for ear in self._turns)
 
     def unmatched(self, required: Iterable[Topic[Any]]) -> list[str]:
         """Return the names of those topics that have no publisher yet."""
+        self._ask_for_what_is_offered()
         return [topic.name for topic in required if not self._ear(topic).publishers]
+
+    def _ask_for_what_is_offered(self) -> None:
+        """Look, not too often, whether a publisher offers less than is asked for; in a swim nothing more is asked."""
+        now = time.monotonic()
+        if now >= self._look_due:
+            self._look_due = now + _LOOK_PERIOD
+            for ear in self._turns:
+                ear.adapt(records=self._job is not None)
 
     def received(self, topic: Topic[Any]) -> int:
         """Return how many messages of a topic have come since the recorder began to listen."""
@@ -141,7 +160,7 @@ class Recorder:
         ears = self._ears.values()
         for ear in ears:
             ear.take_waiting(ALL)
-        topics = [BagTopic(ear.name, ear.topic.type_name, _bag_qos(ear.topic.qos)) for ear in ears]
+        topics = [BagTopic(ear.name, ear.topic.type_name, _bag_qos(ear.offered)) for ear in ears]
         writer = BagWriter(path, topics, metadata, newest_stamp_ns=self._plants_time(), minimum_free=self._minimum_free)
         self._queue.clear()
         self._closing.clear()
@@ -259,7 +278,9 @@ class _Ear:
         self, node: Node, topic: Topic[Any], queue: deque[tuple[str, bytes]], extent: _Extent, namespace: str
     ) -> None:
         self._extent = extent
+        self._node = node
         self.topic = topic
+        self._asked = request((), wanted(topic))
         self.with_header = has_header(topic.type_name)
         self.received = 0
         self.last: bytes | None = None
@@ -267,11 +288,35 @@ class _Ear:
         self._queue = queue
         self._recording = False
         check_is_valid_msg_type(topic.type)
-        qos = _every_message(topic.qos).get_c_qos_profile()
-        # What Node.create_subscription makes, without the part that puts it into the node's executor.
-        with node.handle:
-            self._handle = rclpy_implementation.Subscription(node.handle, topic.type, topic.name_in(namespace), qos)
+        self._handle = self._subscription(topic.name_in(namespace))
+        with self._handle:
             self.name = str(self._handle.get_topic_name())
+
+    def _subscription(self, name: str) -> Any:
+        """Return what Node.create_subscription makes, without the part that puts it into the node's executor."""
+        qos = _with_policies(EVERY_MESSAGE, *self._asked).get_c_qos_profile()
+        with self._node.handle:
+            return rclpy_implementation.Subscription(self._node.handle, self.topic.type, name, qos)
+
+    @property
+    def offered(self) -> QoSProfile:
+        """What all publishers offer, as far as it is known."""
+        return _with_policies(self.topic.qos, *self._asked)
+
+    def adapt(self, *, records: bool) -> None:
+        """Ask for what all publishers offer, if that is another thing than before.
+
+        Args:
+            records: Whether a bag is open: then nothing is changed but what could not be heard otherwise.
+        """
+        reliable, latched = request(ends_of(self._node.get_publishers_info_by_topic(self.name)), wanted(self.topic))
+        if records:
+            reliable, latched = reliable and self._asked[0], latched and self._asked[1]
+        if (reliable, latched) != self._asked:
+            self.take_waiting(ALL)
+            self._handle.destroy_when_not_in_use()
+            self._asked = reliable, latched
+            self._handle = self._subscription(self.name)
 
     @property
     def publishers(self) -> int:
@@ -322,9 +367,14 @@ class _Ear:
             self.kept.append(data)
 
 
-def _every_message(offered: QoSProfile) -> QoSProfile:
-    """Return what to ask for so that no message of a publisher with that offer is lost."""
-    return QoSProfile(reliability=offered.reliability, durability=offered.durability, history=HistoryPolicy.KEEP_ALL)
+def _with_policies(qos: QoSProfile, reliable: bool, latched: bool) -> QoSProfile:
+    """Return a quality of service with these policies."""
+    return QoSProfile(
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+        history=qos.history,
+        depth=qos.depth,
+    )
 
 
 def _bag_qos(qos: QoSProfile) -> Qos:
