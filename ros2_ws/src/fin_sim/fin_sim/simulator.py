@@ -18,7 +18,6 @@ from fin_plant import node_process, topics, validity
 from fin_plant.fin import PLANT_PARAMETERS, Fin
 from fin_plant.gait import Gait, GaitFollower
 from fin_plant.messages import (
-    NANOSECONDS,
     as_text,
     gait_from_message,
     gait_message,
@@ -89,7 +88,6 @@ class Simulator:
         )
         self._values = self._parameters.values
         self._sample_time = 1.0 / self._number("sample_rate")
-        self._stamp = time.time_ns()
         self._pace = Pace(self._sample_time)
         self._stepper = self._build(self._values)
         self._compile()
@@ -164,10 +162,7 @@ class Simulator:
 
     def _set_state(self, state: State, reason: str = "") -> None:
         self._state, self._reason = state, reason
-        self._stamp += 1  # every state has a stamp of its own, so that a listener can tell it from the one before
-        if state is State.READY and self._number("speed") == 1.0:
-            self._stamp = max(self._stamp, time.time_ns())  # in real time, what was late is not late for ever
-        self._state_began = self._stamp
+        self._state_began = self._pace.begin_state(now=state is State.READY and self._number("speed") == 1.0)
         self._say_state()
 
     def _say_state(self) -> None:
@@ -256,9 +251,9 @@ class Simulator:
         return time.monotonic() - self._last_gait > timeout
 
     def _advance(self, samples: int) -> None:
-        stamps = self._stamp + np.round(self._sample_time * NANOSECONDS * np.arange(1, samples + 1)).astype(np.int64)
+        stamps = self._pace.stamps(samples)
         if self._state is State.FAULT:
-            self._stamp = int(stamps[-1])
+            self._pace.stamp = int(stamps[-1])
             self._publish_clock()
             return
         try:
@@ -278,7 +273,7 @@ class Simulator:
             return
         self._largest_hinge_angle = max(self._largest_hinge_angle, largest)
         self._samples += 0 if self._at_rest else samples
-        self._stamp = int(stamps[-1])
+        self._pace.stamp = int(stamps[-1])
         self._publish(stamps, states[1:], records[1:])
 
     def _swim(self, samples: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -312,7 +307,7 @@ class Simulator:
         states, records = self._stepper.advance(
             self._fish_state.copy(), self._tail.motion(self._stepper.half_step_times(0, self._samples))
         )
-        self._publish(np.array([self._stamp]), states, records)
+        self._publish(np.array([self._pace.stamp]), states, records)
 
     def _publish(self, stamps: NDArray[np.int64], states: NDArray[np.float64], records: NDArray[np.float64]) -> None:
         for publisher, messages in zip(self._streams, self._messages.serialized(stamps, states, records), strict=True):
@@ -329,14 +324,14 @@ class Simulator:
         wanted = self._values["publish_clock"] and self._number("speed") != 1.0
         if wanted and now - self._last_clock >= 1.0 / _CLOCK_PER_SECOND:
             self._last_clock = now
-            self._clock.publish(Clock(clock=time_message(self._stamp)))
+            self._clock.publish(Clock(clock=time_message(self._pace.stamp)))
 
     def _publish_markers(self, state: NDArray[np.float64]) -> None:
         now = time.monotonic()
         if now - self._last_markers < 1.0 / _MARKERS_PER_SECOND or not self._markers.get_subscription_count():
             return
         self._last_markers = now
-        self._markers.publish(fish_markers(self._stepper.chain, self._values, state, time_message(self._stamp)))
+        self._markers.publish(fish_markers(self._stepper.chain, self._values, state, time_message(self._pace.stamp)))
 
     def _wait_for_listeners(self) -> None:
         """Hold the fish back while a reliable listener has more than the largest backlog before it.
@@ -398,7 +393,7 @@ class Simulator:
             ),
         )
         message = DiagnosticArray(status=[status])
-        message.header.stamp = time_message(self._stamp)
+        message.header.stamp = time_message(self._pace.stamp)
         self._diagnostics.publish(message)
 
 
