@@ -204,17 +204,44 @@ def test_an_optimiser_that_is_stopped_switches_the_gait_off(start: Start, folder
     assert optimizer.wait() == 130
 
 
-def test_without_a_plant_the_trial_fails_and_names_the_topic(start: Start, folder: Path) -> None:
+def test_without_a_plant_the_trial_fails_and_names_the_topic(start: Start, folder: Path, ros_domain: int) -> None:
     optimizer = start_optimizer(start, folder, "timeout.find:=0.5", "failures_in_a_row:=3", "trials:=1", *SHORT)
     assert optimizer.wait(60) == 1
     assert [row["outcome"] for row in table(folder)] == ["FAILED"] * 3
-    assert "nobody publishes topic /fish/plant_state" in table(folder)[0]["reason"]
+    said = f"nobody publishes topic /fish/plant_state; no other node is seen at all, with ROS_DOMAIN_ID={ros_domain}, "
+    assert said in table(folder)[0]["reason"]
     assert "3 trials in a row FAILED" in optimizer.output()
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
     again = start_optimizer(start, folder, "timeout.find:=20.0", "failures_in_a_row:=3", "trials:=1", *SHORT)
     assert again.wait(60) == 0
     assert table(folder)[-1]["outcome"] == "OK"
     assert len({row[MODULUS] for row in table(folder)}) == 1, "a plant that was not there used up no fin"
+
+
+def test_what_is_seen_instead_of_the_plant_is_named(start: Start, folder: Path, ros_domain: int) -> None:
+    """First a plant whose state goes to who listens already only, then one in another namespace as well."""
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=ros_domain)
+    node = rclpy.create_node("mine", namespace=topics.NAMESPACE, context=context)
+    try:
+        publisher = node.create_publisher(topics.PLANT_STATE.type, topics.PLANT_STATE.name, 1)
+        words = ("timeout.find:=2.0", "failures_in_a_row:=1", "trials:=1")
+        assert start_optimizer(start, folder, *words).wait(60) == 1
+        lacks = (
+            "/fish/mine publishes topic /fish/plant_state, but not transient local (it is volatile), which is needed"
+        )
+        assert lacks in table(folder)[0]["reason"]
+        node.destroy_publisher(publisher)
+        other = start("fin_sim", "simulator", "--ros-args", "-r", "__ns:=/fish2")
+        other.wait_for_output("kernel ready")
+        assert start_optimizer(start, folder, *words).wait(60) == 1
+        assert (
+            "nobody publishes topic /fish/plant_state; published is /fish2/plant_state by /fish2/simulator: "
+            "did you mean plants:=[/fish2]?"
+        ) in table(folder)[1]["reason"]
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
 
 
 def test_a_plant_without_services_fails_the_trial_and_names_them(start: Start, folder: Path, ros_domain: int) -> None:

@@ -34,7 +34,7 @@ def test_a_topic_of_the_same_type_counts_only_where_its_name_does_not_matter() -
 
 
 def test_the_nodes_seen_are_named_and_not_more_than_a_line_holds() -> None:
-    assert "the other nodes seen are /rviz (with ROS_DOMAIN_ID=0" in around(Sight(("/rviz",)))
+    assert "the other nodes seen are /rviz (ROS_DOMAIN_ID=0)" in around(Sight(("/rviz",)))
     assert "/a, /b, /c, /d, /e and 2 more (" in around(Sight([f"/{letter}" for letter in "abcdefg"]))
 
 

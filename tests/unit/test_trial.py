@@ -43,6 +43,11 @@ class Seen:
     late_topics: Sequence[str] = ()
     recorder_failure: str = ""
     result: Result | None = None
+    deaf_to_gait: str = "nobody listens to topic /fish/gait"
+
+    def nothing_on(self, topic: str) -> str:
+        """Return what is said of a topic that nobody publishes."""
+        return f"nobody publishes topic {topic}; no other node is seen"
 
 
 def says(state: State, stamp: int, fin: dict[str, str]) -> PlantState:
@@ -162,8 +167,8 @@ SILENT_PLANT = [
     ("wait for the fin", 10.0, "the fin mounted has fin.young_modulus = 1200000000.0 instead of 1500000000.0"),
     ("reset", 20.0, "no answer from service /fish/simulator/request_reset"),
     ("wait at the start", 10.0, "topic /fish/plant_state says READY"),
-    ("open the bag", 10.0, "nothing to record on topic /fish/velocity"),
-    ("start the gait", 5.0, "the gait on topic /fish/gait had no effect: topic /fish/plant_state says READY"),
+    ("open the bag", 10.0, "nothing to record on topic /fish/velocity: nobody publishes topic /fish/velocity; no "),
+    ("start the gait", 5.0, "the gait on topic /fish/gait had no effect: topic /fish/plant_state says READY; nobody"),
     ("settle", 5.0, "no message on topic /fish/velocity"),
     ("measure", 5.0, "no message on topic /fish/velocity after 2.00 s of the swim"),
     ("stop the gait", 5.0, "the gait is off, but topic /fish/plant_state says SWIMMING"),
@@ -182,6 +187,15 @@ def test_a_plant_that_falls_silent_fails_the_trial_and_the_reason_names_what_was
     assert rehearsal.failure.startswith(f"{phase}: ")
     assert reason in rehearsal.failure
     assert f"waited {patience:g} s" in rehearsal.failure
+
+
+def test_a_plant_that_says_nothing_is_told_from_one_that_lacks_services() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("find the plant")
+    rehearsal.seen.plants = ("/fish/mine",)
+    rehearsal.seen.missing_services = ("/fish/mine/request_reset",)
+    rehearsal.update(30.1)
+    assert "service /fish/mine/request_reset missing; nobody publishes topic /fish/plant_state" in rehearsal.failure
 
 
 def test_every_phase_that_waits_for_the_plant_is_in_the_list_above() -> None:
@@ -347,16 +361,6 @@ def test_what_fails_before_the_gait_is_on_is_no_attempt_at_the_fin(phase: str) -
     rehearsal.reach(phase)
     rehearsal.update(60.0)
     assert not rehearsal.is_attempt
-
-
-def test_a_robot_without_a_velocity_is_told_what_it_needs() -> None:
-    rehearsal = Rehearsal()
-    rehearsal.reach("open the bag")
-    rehearsal.update(60.0)
-    assert (
-        "on topic /fish/velocity; on a robot the velocity needs a tracker that publishes /fish/pose"
-        in rehearsal.failure
-    )
 
 
 def test_silence_under_way_is_an_attempt_at_the_fin() -> None:

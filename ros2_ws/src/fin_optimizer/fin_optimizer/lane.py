@@ -19,7 +19,7 @@ from fin_optimizer.plant_client import PlantClient
 from fin_optimizer.recorder import LONGEST_PAUSE, Recorder
 from fin_optimizer.score import ScoreError
 from fin_optimizer.score_bag import scored_swim, start_of_swim
-from fin_optimizer.trial import Action, Outcome, Result, Trial
+from fin_optimizer.trial import PHASES_OF_VELOCITY, Action, Outcome, Result, Trial
 from fin_plant import topics
 from fin_plant.messages import key_values
 from fin_plant.plant_state import State
@@ -107,10 +107,13 @@ class Lane:
     def trouble(self) -> str:
         """Why the fish cannot be given a trial now, or empty."""
         plants, state = self.plant.plants(), self.plant.state
-        if len(plants) != 1:
-            return f"{len(plants)} plants publish {self.namespace}/plant_state"
+        topic = topics.PLANT_STATE.name_in(self.namespace)
+        if len(plants) > 1:
+            return f"{len(plants)} plants publish {topic} ({', '.join(plants)}): leave only one"
         if state is None:
-            return f"nothing was said on {self.namespace}/plant_state"
+            return self._facts.nothing_on(topic)
+        if not plants:
+            return f"nobody publishes topic {topic} any more"
         if state.state is State.FAULT:
             return f"{plants[0]} is in FAULT{f' ({state.reason})' if state.reason else ''}"
         if state.state is State.SWIMMING and self.trial is None:  # of one that was killed, this was the last word
@@ -161,7 +164,6 @@ class Lane:
         """Begin a trial that the journal knows as RUNNING; its bag goes into the study's folder."""
         self.record, self._folder = record, folder
         self._facts.bag_error, self._facts.result, self._facts.other_fish = "", None, None
-        self.plant.velocity_trouble = ""
         self.trial = Trial(
             self.namespace, self._plan.fin_of(record.values), self._plan.measurement, self._plan.timeouts
         )
@@ -198,11 +200,13 @@ class Lane:
         return max(0.0, self._look_due - time.monotonic())
 
     def _diagnosed(self, result: Result) -> Result:
-        """Return a result that is about the velocity with what its estimator complained about."""
+        """Return a result for which a want of velocity may be the cause with what its estimator complained about."""
         trouble = self.plant.velocity_trouble
-        if result.outcome is not Outcome.FAILED or "velocity" not in result.reason or not trouble:
+        if result.outcome is not Outcome.FAILED or self.phase not in PHASES_OF_VELOCITY or not trouble:
             return result
-        return replace(result, reason=f"{result.reason}; the velocity estimator said: {trouble}")
+        return replace(
+            result, reason=f"{result.reason}; the velocity estimator said since the bag was opened: {trouble}"
+        )
 
     def cancel(self, reason: str) -> None:
         """End the trial because somebody stopped it: the gait off, the bag closed."""
@@ -253,6 +257,7 @@ class Lane:
                 self._gait_due = None
                 self.plant.send(self._plan.no_gait)
             case Action.OPEN_BAG:
+                self.plant.velocity_trouble = ""
                 self._with_bag(self._open_bag)
             case Action.CLOSE_BAG:
                 self._with_bag(self._close_bag)

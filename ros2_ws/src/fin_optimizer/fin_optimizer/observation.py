@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from fin_optimizer.score_bag import tail_angle
+from fin_optimizer.silence import silence
 from fin_plant import topics
+from fin_plant.discovery import ends_of, look_around, nobody_hears, wanted
 from fin_plant.gait import COLUMNS
 from fin_plant.plant_state import LIMITS
 
@@ -33,8 +36,7 @@ _ALWAYS_RECORDED = (
 _RECORDED_IF_THERE = (topics.POSE, topics.THRUST)
 _ALWAYS_STREAMED = (topics.JOINT_STATES, topics.VELOCITY)
 _STREAMS = (*_ALWAYS_STREAMED, *_RECORDED_IF_THERE)
-
-
+_BY_NAME = {topic.name: wanted(topic) for topic in topics.RECORDED_TOPICS}
 _ROUNDING = 1e-4
 """Relative difference of two numbers that are meant to be one: people write 0.2618 rad for 15 degrees."""
 
@@ -69,6 +71,22 @@ class Observation:
     def publishers(self) -> frozenset[str]:
         """What tells the publishers of the plant's state apart."""
         return self._client.publishers()
+
+    def nothing_on(self, topic: str) -> str:
+        """Return what the graph shows of a topic on which nothing comes."""
+        name = topic.rpartition("/")[2]
+        if name == topics.PLANT_STATE.name and self._client.unreadable:
+            return f"what was said on topic {topic} is no plant's state: {self._client.unreadable}"
+        asked = _BY_NAME[name]
+        if name != topics.PLANT_STATE.name:  # the recorder hears whatever is offered
+            asked = replace(asked, reliable=False, latched=False)
+        return silence(topic, asked, look_around(self._node))
+
+    @property
+    def deaf_to_gait(self) -> str:
+        """Why nobody hears the gait, or empty."""
+        name = self._full(topics.GAIT.name)
+        return nobody_hears(name, wanted(topics.GAIT), ends_of(self._node.get_subscriptions_info_by_topic(name)))
 
     @property
     def missing_services(self) -> Sequence[str]:

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer.trial import Reply
 from fin_plant import topics
+from fin_plant.discovery import NAME_TO_COME
 from fin_plant.messages import gait_from_message, gait_message, plant_state_from_message
 
 if TYPE_CHECKING:
@@ -32,8 +33,6 @@ _ESTIMATOR = "velocity_estimator"
 """Name of the node that turns a tracker's poses into the velocity of a robot."""
 _LOOK_PERIOD = 0.05
 """s between two looks at the graph, which take longer than a look at a variable."""
-_NAME_TO_COME = "_NODE_NAME_UNKNOWN_"
-"""What rmw calls a node whose publisher was discovered a moment before its name."""
 _FAREWELL = Duration(seconds=0.5)
 
 
@@ -44,6 +43,7 @@ class PlantClient:
         state: What the plant said last, None before.
         fin_reply: Answer to the last `set_fin`, None before it has come.
         reset_reply: Answer to the last `request_reset`, None before it has come.
+        unreadable: Why what came last on ``plant_state`` is no state of a plant; empty if it was one.
         changed: Something new has come; the owner sets it back.
         velocity_trouble: What the estimator of the velocity complained about last; the owner sets it back.
         applied: The gait that the plant said last it follows, None before.
@@ -54,6 +54,7 @@ class PlantClient:
         self.state: PlantState | None = None
         self.fin_reply: Reply | None = None
         self.reset_reply: Reply | None = None
+        self.unreadable = ""
         self.changed = False
         self.parameters: dict[str, Value] | None = None
         self.applied: Gait | None = None
@@ -81,9 +82,10 @@ class PlantClient:
     def _on_state(self, message: DiagnosticStatus) -> None:
         self.changed = True
         try:
-            self.state = plant_state_from_message(message)
+            self.state, self.unreadable = plant_state_from_message(message), ""
         except ValueError as error:
-            self._node.get_logger().error(str(error))
+            self.unreadable = str(error)
+            self._node.get_logger().error(self.unreadable)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -112,7 +114,7 @@ class PlantClient:
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
             found = self._node.get_publishers_info_by_topic(self._state_topic)
-            named = [end for end in found if end.node_name != _NAME_TO_COME]
+            named = [end for end in found if end.node_name != NAME_TO_COME]
             self._plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in named})
             self._publishers = frozenset(bytes(end.endpoint_gid).hex() for end in found)
 

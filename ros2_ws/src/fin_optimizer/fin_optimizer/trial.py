@@ -109,6 +109,13 @@ class Facts(Protocol):
     def publishers(self) -> frozenset[str]:
         """What tells each publisher of ``plant_state`` from one that is started later under the same name."""
 
+    def nothing_on(self, topic: str) -> str:
+        """Return what the graph shows of a topic, by its full name, on which nothing comes."""
+
+    @property
+    def deaf_to_gait(self) -> str:
+        """Why nobody hears the gait, or empty."""
+
     @property
     def missing_services(self) -> Sequence[str]:
         """Full names of the plant's services that are not there."""
@@ -440,12 +447,13 @@ def _is(facts: Facts, *states: State) -> bool:
 def _no_plant(trial: Trial, facts: Facts) -> str:
     topic = trial.topic("plant_state")
     if not facts.plants:
-        return f"nobody publishes topic {topic}: start a plant in this namespace"
+        return facts.nothing_on(topic)
     if len(facts.plants) > 1:
         return f"topic {topic} has {len(facts.plants)} publishers ({', '.join(facts.plants)}): leave only one plant"
-    if facts.missing_services:
-        return f"service {' and '.join(facts.missing_services)} missing"
-    return _says(trial, facts)
+    missing = [f"service {' and '.join(facts.missing_services)} missing"] if facts.missing_services else []
+    if facts.plant is None:
+        missing.append(facts.nothing_on(topic))
+    return "; ".join(missing) or _says(trial, facts)
 
 
 def _same(text: str, value: Value) -> bool:
@@ -523,11 +531,14 @@ def _still_swimming(trial: Trial, facts: Facts) -> str:
     return f"the gait is off, but {_says(trial, facts)}"
 
 
-def _nothing_to_record(trial: Trial, facts: Facts) -> str:
-    said = f"nothing to record on topic {', '.join(facts.unmatched_topics)}"
-    if trial.topic("velocity") not in facts.unmatched_topics:
-        return said
-    return f"{said}; on a robot the velocity needs a tracker that publishes {trial.topic('pose')}"
+def _nothing_to_record(_: Trial, facts: Facts) -> str:
+    seen = "; ".join(facts.nothing_on(topic) for topic in facts.unmatched_topics)
+    return f"nothing to record on topic {', '.join(facts.unmatched_topics)}: {seen}"
+
+
+def _no_effect(trial: Trial, facts: Facts) -> str:
+    deaf = f"; {facts.deaf_to_gait}" if facts.deaf_to_gait else ""
+    return f"the gait on topic {trial.topic('gait')} had no effect: {_says(trial, facts)}{deaf}"
 
 
 PHASES: tuple[Phase, ...] = (
@@ -585,7 +596,7 @@ PHASES: tuple[Phase, ...] = (
         action=Action.GAIT_ON,
         done=lambda _, facts: _is(facts, State.SWIMMING),
         patience="silence",
-        missing=lambda trial, facts: f"the gait on topic {trial.topic('gait')} had no effect: {_says(trial, facts)}",
+        missing=_no_effect,
     ),
     Phase(
         "settle",
@@ -632,3 +643,5 @@ _GAIT_IS_ON = 7
 _AT_START = 5
 """From the end of this phase on the fin stays mounted until the trial is over."""
 _SWIMMING_PHASES = ("settle", "measure")
+PHASES_OF_VELOCITY = ("open the bag", *_SWIMMING_PHASES, "stop the gait", "score")
+"""In these a trial may fail for want of velocity."""

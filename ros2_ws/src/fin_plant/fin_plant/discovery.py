@@ -104,12 +104,13 @@ def nobody_hears(name: str, offered: End, listeners: Sequence[End]) -> str:
 
 def around(sight: Sight) -> str:
     """Return which other nodes are seen, and how far this process sees."""
-    reach = _reach(sight.environment)
+    settings, where = _reach(sight.environment)
     if not sight.nodes:
+        reach = ", ".join([*settings, *where])
         return f"no other node is seen at all, with {reach}: one that has other settings, or runs beyond, is not seen"
     more = len(sight.nodes) - _NAMED
     named = ", ".join(sight.nodes[:_NAMED]) + (f" and {more} more" if more > 0 else "")
-    return f"the other nodes seen are {named} (with {reach})"
+    return f"the other nodes seen are {named} ({', '.join([settings[0], *where])})"
 
 
 def request(ends: Iterable[End], usual: End) -> tuple[bool, bool]:
@@ -146,8 +147,8 @@ def _elsewhere(name: str, type_name: str, sight: Sight, *, of_any_name: bool) ->
     return [*same, *(each for each in there if each not in same)] if of_any_name else same
 
 
-def _reach(environment: Mapping[str, str]) -> str:
-    """Return the settings that decide which nodes are seen."""
+def _reach(environment: Mapping[str, str]) -> tuple[list[str], list[str]]:
+    """Return the settings that decide which nodes are seen, the domain first, and what they amount to."""
     domain = environment.get("ROS_DOMAIN_ID") or "0"
     reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
     profile = Path(environment.get("FASTRTPS_DEFAULT_PROFILES_FILE") or "").name
@@ -157,7 +158,7 @@ def _reach(environment: Mapping[str, str]) -> str:
     for variable in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION"):
         said += [f"{variable}={environment[variable]}"] if environment.get(variable) else []
     local = reach in _LOCAL_RANGES or profile == _LOCAL_PROFILE or only == "1"
-    return ", ".join(said) + (", on this computer only" if local else "")
+    return said, ["on this computer only"] if local else []
 
 
 def wanted(topic: Topic[Any]) -> End:
