@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
+import pty
 import signal
 import stat
 import subprocess
@@ -11,17 +13,25 @@ import threading
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from fin_servo_driver import backends, robot_file
-from fin_servo_driver.calibrate_servo import Calibration, Holder, calibrate, main
+from fin_servo_driver import backends, calibrate_servo, robot_file
+from fin_servo_driver.backends import dynamixel, maestro
+from fin_servo_driver.calibrate_servo import UNITS_A_SECOND, Calibration, Holder, Ramp, calibrate, main
 from fin_servo_driver.emulator.devices import Dynamixel, Firmata, Maestro
+from fin_servo_driver.emulator.emulate import device_for
 from fin_servo_driver.emulator.pty_port import PtyPort
+from fin_servo_driver.line import DeviceError, Stop, StoppableLine
 from fin_servo_driver.port import SerialLine
 from support.waiting import wait_until
+from support.wire import Wire
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from fin_servo_driver.backends.backend import Backend
 
 
 class Logged(Dynamixel):
@@ -65,16 +75,18 @@ def test_a_servo_that_measures_is_led_to_its_centre_from_where_it_stands(tmp_pat
     joint = robot.servos[0]
     bus = Logged(joint.channel, joint.centre - 300.0)
     port = PtyPort(bus, tmp_path / "port")
-    backend, line = backends.make(robot), SerialLine(str(port.path), robot.baud)
+    backend, stop = backends.make(robot), Stop()
+    line = StoppableLine(SerialLine(str(port.path), robot.baud), stop)
     backend.identify(line)
-    holder = Holder(backend, line, robot, Calibration(joint, joint.centre, backend.lowest, backend.highest))
+    holder = Holder(backend, line, robot, Calibration(joint, joint.centre, backend.lowest, backend.highest), stop)
     holder.start()
-    wait_until(lambda: bus.outputs.get(joint.channel) == joint.centre, 5.0, "the centre")
+    wait_until(lambda: bus.outputs.get(joint.channel) == joint.centre, 30.0, "the centre")
     holder.close()
-    line.close()
+    line.raw.close()
     port.close()
-    assert abs(bus.goals[0] - (joint.centre - 300.0)) <= 4.0
-    assert max(abs(b - a) for a, b in zip(bus.goals, bus.goals[1:], strict=False)) <= 4.0  # 300 a second, 100 a second
+    longest = 2.0 * UNITS_A_SECOND / backend.rate + 1.0  # of two periods, however late the thread is, and rounded
+    assert abs(bus.goals[0] - (joint.centre - 300.0)) <= longest
+    assert max(abs(b - a) for a, b in zip(bus.goals, bus.goals[1:], strict=False)) <= longest
     assert bus.outputs[joint.channel] is None
 
 
@@ -122,3 +134,182 @@ def test_storing_keeps_the_links_and_rights_of_the_file(tmp_path: Path) -> None:
     assert stat.S_IMODE(file.stat().st_mode) == 0o664
     assert "Written by calibrate_servo" in file.read_text()
     assert [path.name for path in file.parent.iterdir()] == ["fish.yaml"]
+
+
+@given(
+    steps=st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 4095.0)), max_size=30),
+    rate=st.floats(1.0, 5000.0),
+)
+def test_no_step_of_the_ramp_is_longer_than_the_rate_allows_since_the_last_frame_was_out(
+    steps: list[tuple[float, float]], rate: float
+) -> None:
+    ramp, now, longest = Ramp({3: rate}, 0.04), 0.0, 0.04
+    ramp.restart({3: 1500.0}, now)
+    at = 1500.0
+    for elapsed, wanted in steps:
+        now += elapsed
+        position = ramp.step({3: wanted}, now)[3]
+        assert abs(position - at) <= rate * min(elapsed, longest) + 1e-6
+        assert min(at, wanted) <= position <= max(at, wanted)
+        at = position
+        ramp.sent(now)
+
+
+@pytest.mark.parametrize(
+    ("name", "rate"), [("maestro", 6.0), ("maestro", 0.3), ("firmata", 6.0), ("dynamixel", 6.0), ("dynamixel", 0.25)]
+)
+def test_set_points_on_the_wire_keep_the_slow_rate_or_the_joint_s_own(
+    name: str, rate: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the start, to a new place, on turning round half-way, and when leaving half-way."""
+    text = robot_file.find(name).read_text()
+    (tmp_path / "robot.yaml").write_text(text.replace("rate: 6.0", f"rate: {rate}"))
+    robot = robot_file.load(tmp_path / "robot.yaml")
+    joint = robot.servos[0]
+    assert joint.rate == rate
+    unit_rate = min(300.0, rate * joint.units_per_radian)
+    device = device_for(robot, lambda _: 0.05)
+    # Neither the driver nor the device may take a busy machine for a lost line.
+    monkeypatch.setattr(dynamixel, "_SILENCE_UNDER_FORCE", 60.0)
+    monkeypatch.setattr(maestro, "_SLACK", 1e6)
+    monkeypatch.setattr(device, "tick", lambda _: None)
+    wire = Wire(device)
+    monkeypatch.setattr(calibrate_servo, "SerialLine", lambda *_: wire)
+    targets: list[tuple[float, float]] = []
+    backend = backends.make(robot)
+    send, enable = type(backend).send, type(backend).enable
+
+    def noted_send(self: Backend, line: object, outputs: dict[int, float]) -> None:
+        send(self, line, outputs)  # type: ignore[arg-type]
+        targets.append((wire.log[-1].at, outputs[joint.channel]))
+
+    def noted_enable(self: Backend, line: object, neutral: dict[int, float]) -> None:
+        enable(self, line, neutral)  # type: ignore[arg-type]
+        targets.append((wire.log[-1].at, neutral[joint.channel]))
+
+    monkeypatch.setattr(type(backend), "send", noted_send)
+    monkeypatch.setattr(type(backend), "enable", noted_enable)
+
+    def reached(position: float) -> bool:
+        return device.outputs.get(joint.channel) == position
+
+    def lines() -> Iterator[str]:
+        wait_until(lambda: reached(joint.centre), 60.0, "the centre")
+        yield f"= {joint.centre + 40.0}"
+        wait_until(lambda: reached(joint.centre + 40.0), 60.0, "the place")
+        yield f"= {joint.centre - 100.0}"
+        wait_until(lambda: targets[-1][1] < joint.centre + 30.0, 60.0, "some of the way")
+        yield f"= {joint.centre + 100.0}"
+        wait_until(lambda: targets[-1][1] > joint.centre + 40.0, 60.0, "some of the way back")
+        yield "q"
+
+    assert calibrate(robot, 1, "", lines()) is None
+    assert not any(device.outputs.values())
+    assert len(targets) > 10
+    for (before, a), (after, b) in itertools.pairwise(targets):
+        assert abs(b - a) <= unit_rate * (after - before) + 1e-6
+    assert max(abs(b - a) for (_, a), (_, b) in itertools.pairwise(targets)) > 0.0
+
+
+def test_beyond_the_robot_file_s_range_only_after_a_yes_to_both_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = robot_file.load(robot_file.find("firmata"))
+    joint = robot.servos[0]
+    device = Firmata()
+    monkeypatch.setattr(calibrate_servo, "SerialLine", lambda *_: Wire(device))
+    highest = [0.0]
+
+    def lines() -> Iterator[str]:
+        for command, target in (
+            ("= 1820", None),  # asked, and then something else: nothing moves
+            ("= 1510", 1510.0),
+            ("y", 1510.0),  # no question is open
+            ("= 1820", 1510.0),
+            ("nonsense", 1510.0),
+            ("y", 1510.0),
+            ("= 1790", 1790.0),
+            ("+ 15", 1790.0),
+            ("y", 1805.0),
+            ("h", 1805.0),
+            ("= 1700", 1700.0),
+            ("= 1805", 1805.0),  # measured since: inside
+            ("= 1806", 1805.0),
+            ("q", 1805.0),
+        ):
+            yield command
+            if target is not None:
+                wait_until(lambda t=target: device.outputs.get(joint.channel) == t, 60.0, f"{target} after {command}")  # type: ignore[misc]
+            highest[0] = max(highest[0], device.outputs.get(joint.channel) or 0.0)
+
+    calibrate(robot, 1, "", lines())
+    assert highest[0] == 1805.0
+
+
+def test_the_question_beyond_the_range_names_both_numbers_and_changes_nothing() -> None:
+    joint = robot_file.load(robot_file.find("maestro")).servos[0]
+    subject = Calibration(joint, joint.centre, 64.0, 3280.0)
+    asked = subject.obey("= 1900")
+    assert "1900 is beyond highest = 1800" in asked
+    assert subject.position == joint.centre
+    assert "1100 is beyond lowest = 1200" in subject.obey("- 400")
+    assert subject.obey("y").startswith("at 1100:")
+    with pytest.raises(ValueError, match="y only answers a question"):
+        subject.obey("y")
+
+
+@pytest.mark.parametrize("when", ["before force", "on the way", "holding"])
+def test_ctrl_c_at_a_terminal_ends_the_motion_takes_the_force_away_and_moves_nothing_after(
+    when: str, tmp_path: Path
+) -> None:
+    device = Maestro()
+    port = PtyPort(device, tmp_path / "port", keep=True)
+    terminal, own = pty.openpty()
+    command = [sys.executable, "-m", "fin_servo_driver.calibrate_servo", str(robot_file.find("maestro"))]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    said = tmp_path / "said"
+    with (
+        said.open("wb") as output,
+        subprocess.Popen(
+            [*command, "--port", str(port.path)], stdin=own, stdout=output, stderr=output, env=environment
+        ) as program,
+    ):
+        os.close(own)
+        wait_until(lambda: b"HANDS OFF" in said.read_bytes(), 60.0, "the warning")
+        assert b"JUMP to their centres, joint 1 to 1500 us" in said.read_bytes()
+        if when == "before force":
+            assert not any(device.outputs.values())
+        else:
+            wait_until(lambda: any(device.outputs.values()), 60.0, "a servo that is held")
+            if when == "on the way":
+                os.write(terminal, b"= 1800\n")
+                wait_until(lambda: 1510.0 < (device.outputs.get(0) or 0.0) < 1790.0, 60.0, "motion")
+        program.send_signal(signal.SIGINT)
+        program.send_signal(signal.SIGINT)  # a nervous hand
+        assert program.wait(60.0) == 130
+    os.close(terminal)
+    wait_until(lambda: not any(device.outputs.values()), 60.0, "a servo without force")
+    frames = bytes(port.received)
+    port.close()
+    off = frames.rfind(b"\x84\x00\x00\x00")
+    assert off >= 0
+    assert b"\x84" not in frames[off + 4 :]
+    assert b"Traceback" not in said.read_bytes()
+    assert b"nothing stored" in said.read_bytes()
+    assert (b"\x84\x00\x70\x2e" in frames) == (when != "before force")  # 1500 us
+
+
+def test_a_servo_that_cannot_be_held_any_more_is_let_go_while_the_person_thinks(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    robot = robot_file.load(robot_file.find("maestro"))
+    device = Maestro()
+    monkeypatch.setattr(calibrate_servo, "SerialLine", lambda *_: Wire(device))
+
+    def lines() -> Iterator[str]:
+        wait_until(lambda: any(device.outputs.values()), 60.0, "a servo that is held")
+        device.outputs[0] = 1700.0  # as after a start anew: it stands where nobody has sent it
+        wait_until(lambda: not any(device.outputs.values()), 60.0, "a servo without force")
+        yield "+"
+
+    with pytest.raises(DeviceError, match="where nobody has sent it"):
+        calibrate(robot, 1, "", lines())
+    assert "the servo is let go" in capsys.readouterr().out

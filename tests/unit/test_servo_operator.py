@@ -272,7 +272,7 @@ def test_a_line_that_cannot_be_is_refused_and_changes_nothing(line: str, complai
     assert (subject.joint, subject.position) == before
 
 
-@given(st.lists(st.text(alphabet="+-=calhx 0123456789.e", max_size=8), max_size=20))
+@given(st.lists(st.text(alphabet="+-=calhxy 0123456789.e", max_size=8), max_size=20))
 def test_no_line_breaks_it_or_leads_beyond_the_device(lines: list[str]) -> None:
     subject = calibration()
     for line in lines:

@@ -1,9 +1,12 @@
 """Calibrate a servo: step it to angles, measure where the joint stands, store the numbers in the robot's YAML file.
 
-A program of its own, without a node: the servo driver must not have the port meanwhile. Commands, one a line:
+A program of its own, without a node: the servo driver must not have the port meanwhile. Every servo moves slowly, at
+300 units of the device (us, ticks) a second or at its joint's rate in the robot file, whichever is less. Ctrl-C ends it
+at any time, and takes the force away. Commands, one a line:
 
-  + N, - N   move by N units of the device (us, ticks); N is 5 if left out
+  + N, - N   move by N units of the device; N is 5 if left out
   = N        move to N
+  y          yes, also beyond the robot file's lowest and highest; asked for each move
   c          the joint is straight here: this is the centre
   a DEGREES  the joint stands at this angle, to the left positive: gives scale and direction
   l, h       here is the lowest, highest position that the mechanism stands
@@ -14,6 +17,8 @@ A program of its own, without a node: the servo driver must not have the port me
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import math
 import signal
 import sys
@@ -24,21 +29,28 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_servo_driver import backends, robot_file
-from fin_servo_driver.line import DeviceError, LineStalledError
+from fin_servo_driver.line import DeviceError, LineStalledError, Stop, StopAskedError, StoppableLine
 from fin_servo_driver.port import SerialLine
+from fin_servo_driver.safety import within_rate
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from fin_servo_driver.backends.backend import Backend
-    from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot, ServoJoint
+    from fin_servo_driver.set_points import Outputs
 
 _STEP = 5.0
 _SMALLEST_ANGLE = math.radians(2.0)
-_UNITS_A_SECOND = 300.0
-"""How fast the horn is led to a new place; half a turn of a hobby servo takes some seconds."""
+UNITS_A_SECOND = 300.0
+"""How fast a horn is led to a new place at most; half a turn of a hobby servo takes some seconds."""
+_PERIODS_AT_MOST = 2.0
+"""Periods that count for the rate: a program that was held up does not make good in one jump what it has missed."""
 _MEASURE_SECONDS = 1.0
+_WARNING_SECONDS = 2.0
+"""s between a warning and what it warns of, for a person at a terminal: to take the hand away, or press Ctrl-C."""
+_MEASURING = frozenset("calh")
+"""The commands that take where the servo stands for a fact; they wait until it has got there."""
 
 
 class Leave(Exception):  # noqa: N818 - it is the way out, no error
@@ -62,12 +74,17 @@ class Calibration:
         position: Where the servo is told to stand.
         lowest: Smallest position that the device can be asked for.
         highest: Largest.
+        beyond: Where the person wants the servo, outside the joint's range, and has not said yes to it; else None.
     """
 
     joint: ServoJoint
     position: float
     lowest: float
     highest: float
+    beyond: float | None = None
+
+    def __post_init__(self) -> None:
+        self._range = (self.joint.lowest, self.joint.highest)
 
     def obey(self, text: str) -> str:
         """Do what a line says; return what to show.
@@ -80,13 +97,16 @@ class Calibration:
         if not words:
             return self.summary()
         command, *rest = words
+        wanted, self.beyond = self.beyond, None  # a "yes" counts for the question right before it
         value = _number(rest[0]) if rest else None
         match command:
             case "+" | "-":
                 step = _STEP if value is None else value
-                self._move(self.position + (step if command == "+" else -step))
+                return self._move(self.position + (step if command == "+" else -step))
             case "=" if value is not None:
-                self._move(value)
+                return self._move(value)
+            case "y" if wanted is not None:
+                self.position = wanted
             case "c":
                 self.joint = replace(self.joint, centre=self.position)
             case "a" if value is not None:
@@ -98,15 +118,26 @@ class Calibration:
             case "s" | "q":
                 raise Leave(store=command == "s")
             case _:
-                msg = f"{text.strip()!r} is no command: + N, - N, = N, c, a DEGREES, l, h, s or q"
+                known = "+ N, - N, = N, c, a DEGREES, l, h, s or q; y only answers a question"
+                msg = f"{text.strip()!r} is no command: {known}"
                 raise ValueError(msg)
         return self.summary()
 
-    def _move(self, position: float) -> None:
+    def _move(self, position: float) -> str:
+        """Move inside the range of the robot file and what was measured since; ask before one beyond it."""
         if not self.lowest <= position <= self.highest:
             msg = f"position {position:g} is outside the device's range [{self.lowest:g}, {self.highest:g}]"
             raise ValueError(msg)
+        lowest, highest = min(self._range[0], self.joint.lowest), max(self._range[1], self.joint.highest)
+        if not lowest <= position <= highest:
+            self.beyond = position
+            end = f"lowest = {lowest:g}" if position < lowest else f"highest = {highest:g}"
+            return (
+                f"{position:g} is beyond {end} of the robot file: does the mechanism stand it? y moves there; "
+                f"anything else leaves it at {self.position:g}"
+            )
         self.position = position
+        return self.summary()
 
     def _angle_is(self, angle: float) -> None:
         change = self.position - self.joint.centre
@@ -136,20 +167,70 @@ def _number(text: str) -> float:
     return value
 
 
+class Ramp:
+    """Leads each channel to where it is wanted at its own rate, between frames as they are sent."""
+
+    def __init__(self, rates: Mapping[int, float], longest_elapsed: float) -> None:
+        """Take the rates in units of the device a second; not more than ``longest_elapsed`` s count for a step."""
+        self.positions: Outputs = {}
+        self._rates = rates
+        self._longest_elapsed = longest_elapsed
+        self._sent_at = math.inf
+
+    def restart(self, positions: Mapping[int, float], at: float) -> None:
+        """Begin where the servos stand by ``at`` s."""
+        self.positions = dict(positions)
+        self._sent_at = at
+
+    def step(self, wanted: Mapping[int, float], now: float) -> Outputs:
+        """Return what to send at ``now`` s or later; then say when it was out by `sent`."""
+        elapsed = now - self._sent_at
+        self.positions = {
+            channel: within_rate(wanted[channel], last, self._rates[channel], elapsed, self._longest_elapsed)
+            for channel, last in self.positions.items()
+        }
+        return self.positions
+
+    def sent(self, at: float) -> None:
+        """Note that the last step was out by ``at`` s."""
+        self._sent_at = at
+
+
+def slow_rate(joint: ServoJoint) -> float:
+    """Return how fast a servo is led while it is calibrated, in units of the device a second."""
+    return min(UNITS_A_SECOND, joint.rate * joint.units_per_radian)
+
+
 class Holder:
     """Leads the servo to where the calibration wants it, and holds it, in a thread of its own."""
 
-    def __init__(self, backend: Backend, line: Line, robot: Robot, calibration: Calibration) -> None:
-        """Take what to hold; nothing is sent before `start`."""
+    def __init__(
+        self, backend: Backend, line: StoppableLine, robot: Robot, calibration: Calibration, stop: Stop
+    ) -> None:
+        """Take what to hold, and the stop of the line; nothing is sent before `start`."""
         self.failure = ""
         self._backend = backend
         self._line = line
+        self._stop = stop
         self._calibration = calibration
+        self._joints = robot.servos
         self._centres = {joint.channel: joint.centre for joint in robot.servos}
-        self._sent = dict(self._centres)
-        self._held = False
+        self._period = 1.0 / backend.rate
+        rates = {joint.channel: slow_rate(joint) for joint in robot.servos}
+        self._ramp = Ramp(rates, _PERIODS_AT_MOST * self._period)
+        self._stands: Outputs = {}
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._hold, name="hold the servo")
+
+    def warning(self) -> str:
+        """Return what to say before the servos get force."""
+        if self._backend.measures:
+            return "the servos get force now, and are led slowly from where they stand to their centres"
+        places = ", ".join(f"joint {n} to {joint.centre:g}" for n, joint in enumerate(self._joints, start=1))
+        return (
+            f"HANDS OFF: the servos get force now and JUMP to their centres, {places} {self._backend.unit}, as fast as "
+            "they can: nothing tells where such a servo stands. Ctrl-C takes the force away"
+        )
 
     def start(self) -> None:
         """Begin where the servos say that they stand; those that measure nothing can only jump to their centres.
@@ -157,12 +238,13 @@ class Holder:
         Whoever calls it calls `close` on every way out, one out of this method too.
 
         Raises:
-            DeviceError: A servo that measures does not tell where it stands.
+            DeviceError: A servo that measures does not tell where it stands, or stands where it cannot be sent.
         """
-        if self._backend.measures:
-            self._sent = self._measured()
-        self._held = True
-        self._backend.enable(self._line, self._sent)
+        begin = self._measured() if self._backend.measures else self._centres
+        self._backend.enable(self._line, begin)
+        if self._backend.measures:  # until they had force somebody may have moved them
+            begin = self._measured()
+        self._ramp.restart(begin, time.monotonic())
         self._thread.start()
 
     def _measured(self) -> dict[int, float]:
@@ -170,61 +252,132 @@ class Holder:
         while time.monotonic() < deadline:
             positions = self._backend.read(self._line).positions
             if self._centres.keys() <= positions.keys():
+                self._require_inside(positions)
                 return {channel: positions[channel] for channel in self._centres}
         channels = ", ".join(map(str, self._centres))
         msg = f"not all of channels {channels} tell where they stand: is one of them overloaded?"
         raise LineStalledError(msg)
 
+    def _require_inside(self, positions: Mapping[int, float]) -> None:
+        lowest, highest = self._backend.lowest, self._backend.highest
+        for number, joint in enumerate(self._joints, start=1):
+            if not lowest <= positions[joint.channel] <= highest:
+                stands = f"joint {number} stands at {positions[joint.channel]:g} {self._backend.unit}"
+                msg = f"{stands}, outside [{lowest:g}, {highest:g}], where it can be sent: turn its horn inside by hand"
+                raise LineStalledError(msg)
+
     def _hold(self) -> None:
-        period = 1.0 / self._backend.rate
-        reach = _UNITS_A_SECOND * period
         try:
-            while not self._ended.wait(period):
+            while not self._ended.wait(self._period):
                 wanted = self._centres | {self._calibration.joint.channel: self._calibration.position}
-                for channel, position in wanted.items():
-                    self._sent[channel] += min(max(position - self._sent[channel], -reach), reach)
-                self._backend.send(self._line, self._sent)
+                self._backend.send(self._line, self._ramp.step(wanted, time.monotonic()))
+                self._ramp.sent(time.monotonic())
+                self._stands = self._ramp.positions
                 self._backend.read(self._line)
-        except DeviceError as error:
-            self.failure = str(error)
+        except StopAskedError:
+            return
+        except Exception as error:  # noqa: BLE001 - whatever it is, the servo must not be left under force unseen
+            self.failure = str(error) if isinstance(error, DeviceError) else repr(error)
+            _say(f"the servo is let go: {self.failure}; Enter ends the program")
+            with contextlib.suppress(DeviceError):
+                self._backend.disable(self._line.raw)
+
+    def arrive(self) -> None:
+        """Wait until the servo has been led to where it is wanted, or is held no more."""
+        channel = self._calibration.joint.channel
+        while self._thread.is_alive() and self._stands.get(channel) != self._calibration.position:
+            self._ended.wait(self._period)
 
     def close(self) -> None:
-        """Let go of the servo, if it was ever held."""
+        """Take the force away, whatever is under way; no motion is commanded any more.
+
+        Raises:
+            DeviceError: The device has not taken it.
+        """
+        self._stop.ask()
         self._ended.set()
         if self._thread.is_alive():
             self._thread.join()
-        if self._held:
-            self._backend.disable(self._line)
+        self._stop.begin()
+        try:
+            self._backend.disable(self._line.raw)
+        except DeviceError as error:
+            msg = f"the servo may still have force, switch its supply off: {error}"
+            raise DeviceError(msg) from error
 
 
-def calibrate(robot: Robot, number: int, port: str, lines: Iterable[str]) -> ServoJoint | None:
+class Signals:
+    """Ctrl-C and the like: the first one ends everything on the line at once; none breaks the tear-down.
+
+    Attributes:
+        number: Of the first signal, 0 before.
+    """
+
+    def __init__(self, stop: Stop) -> None:
+        self.number = 0
+        self._stop = stop
+        self._only_noted = False
+
+    def install(self) -> None:
+        """Take the signals from now on. A closed terminal must not leave the servo under force either."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, self._take)
+
+    def _take(self, number: int, _frame: object) -> None:
+        was_first, self.number = not self.number, self.number or number
+        if was_first and not self._only_noted:
+            self._stop.ask()
+            raise KeyboardInterrupt
+
+    def only_note(self) -> None:
+        """Interrupt nothing any more: the force is taken away."""
+        self._only_noted = True
+
+
+def calibrate(
+    robot: Robot, number: int, port: str, lines: Iterable[str], signals: Signals | None = None, stop: Stop | None = None
+) -> ServoJoint | None:
     """Calibrate one joint by the commands in ``lines``; return it to store, or None.
 
     Raises:
         DeviceError: The port or the device are not as configured.
         ValueError: The joint cannot be calibrated.
+        KeyboardInterrupt: A signal has asked for the end; the force is taken away.
     """
     if not 1 <= number <= len(robot.servos):
         msg = f"--joint {number} is not one of the robot's servos, 1 to {len(robot.servos)}"
         raise ValueError(msg)
+    stop = stop or Stop()
     backend = backends.make(robot)
     joint = robot.servos[number - 1]
     calibration = Calibration(joint, joint.centre, backend.lowest, backend.highest)
-    line = SerialLine(port, robot.baud or backend.baud)
+    line = StoppableLine(SerialLine(port, robot.baud or backend.baud), stop)
     try:
         _say(backend.identify(line))
-        backend.disable(line)
-        holder = Holder(backend, line, robot, calibration)
+        holder = Holder(backend, line, robot, calibration, stop)
         try:
-            holder.start()
-            return _converse(
-                calibration, holder, lines, lambda joint: backends.make(robot_file.with_joint(robot, number, joint))
-            )
+            try:
+                backend.disable(line)
+                _warn(holder.warning(), lines)
+                holder.start()
+                return _converse(
+                    calibration, holder, lines, lambda joint: backends.make(robot_file.with_joint(robot, number, joint))
+                )
+            finally:
+                if signals is not None:  # a signal that interrupts this very line is the last that interrupts anything
+                    signals.only_note()
         finally:
             holder.close()
     finally:
-        line.drain(0.1)
-        line.close()
+        line.raw.drain(0.1)
+        line.raw.close()
+
+
+def _warn(text: str, lines: Iterable[str]) -> None:
+    """Say it, and give a person at a terminal the time to read it."""
+    _say(text)
+    if isinstance(lines, io.TextIOBase) and lines.isatty():
+        time.sleep(_WARNING_SECONDS)
 
 
 def _converse(
@@ -233,6 +386,8 @@ def _converse(
     """Obey the lines; ``check`` raises ValueError for a joint that the driver would refuse."""
     _say(calibration.summary())
     for text in lines:
+        if text.split()[:1] and text.split()[0] in _MEASURING:
+            holder.arrive()
         if holder.failure:
             raise DeviceError(holder.failure)
         try:
@@ -255,11 +410,6 @@ def _say(text: str) -> None:
     print(text, flush=True)  # noqa: T201 - a program for a terminal
 
 
-def _end(number: int, _frame: object) -> None:
-    """Leave by the ways out, which let go of the servo."""
-    raise SystemExit(128 + number)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program."""
     parser = argparse.ArgumentParser(
@@ -269,22 +419,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--joint", type=int, default=1, help="number of the joint from the head (default: 1)")
     parser.add_argument("--port", default="", help="instead of the robot file's")
     given = parser.parse_args(arguments)
-    for number in (signal.SIGTERM, signal.SIGHUP):  # a closed terminal must not leave the servo under force
-        signal.signal(number, _end)
-    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job starts with it ignored
+    stop = Stop()
+    signals = Signals(stop)
+    signals.install()
     try:
         robot = robot_file.load(given.robot_file)
-        joint = calibrate(robot, given.joint, given.port or robot.port, sys.stdin)
-        if joint is None:
+        joint = calibrate(robot, given.joint, given.port or robot.port, sys.stdin, signals, stop)
+        if joint is None or signals.number:
             _say("nothing stored")
-            return 0
+            return 128 + signals.number if signals.number else 0
         robot_file.save(robot_file.with_joint(robot, given.joint, joint), given.robot_file)
     except (DeviceError, ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)  # noqa: T201
         return 1
     except KeyboardInterrupt:
         _say("nothing stored")
-        return 130
+        return 128 + (signals.number or signal.SIGINT)
     _say(f"stored in {given.robot_file} at {time.strftime('%H:%M:%S')}")
     return 0
 
