@@ -322,6 +322,52 @@ def test_a_fin_is_taken_whole_and_then_in_the_state(plant: Plant) -> None:
     )
 
 
+PROFILE = {"fin.profile_position": [0.25, 0.5], "fin.profile_height": [0.02, 0.03]}
+STRAIGHT: dict[str, Any] = {name: [] for name in PROFILE}
+
+
+def wait_for_fin(client: ContractClient, fin: dict[str, Any]) -> None:
+    """Wait until the plant is ready, waits for no other value, and has this fin."""
+    client.wait_until(
+        lambda: (
+            (s := client.state()) is not None
+            and s.state is State.READY
+            and not s.reason
+            and {name: s.fin[name] for name in fin} == {name: repr(value) for name, value in fin.items()}
+        ),
+        "READY with the fin",
+    )
+
+
+@pytest.mark.parametrize("order", [("fin.profile_position", "fin.profile_height")[::step] for step in (1, -1)])
+def test_a_profile_is_set_in_either_order_and_by_half_it_is_told_and_no_gait_starts(
+    plant: Plant, order: tuple[str, str]
+) -> None:
+    _, client = plant
+    before = client.wait_for_state(State.READY)
+    first, second = order
+    assert client.set_parameters({first: PROFILE[first]}).successful
+    client.wait_until(lambda: (s := client.state()) is not None and second in s.reason, "what is awaited")
+    state = client.state()
+    assert state is not None
+    assert (state.state, state.fin) == (State.READY, before.fin)
+    client.publish_gait(gait_message(PAPER_GAIT.rows()))
+    client.wait_until(lambda: second in (client.diagnostic("last_refusal") or ""), "refusal of the gait")
+    state = client.state()
+    assert state is not None
+    assert state.state is State.READY
+    # A list as long as the other one is taken only if a fin can be made of both.
+    bad = client.set_parameters({second: [0.6, 7.0]})
+    assert not bad.successful
+    assert second in bad.reason
+    assert client.set_parameters({second: PROFILE[second]}).successful
+    client.settle()
+    wait_for_fin(client, PROFILE)
+    assert client.set_parameters(STRAIGHT).successful
+    client.settle()
+    wait_for_fin(client, STRAIGHT)
+
+
 def test_a_reset_is_followed_by_a_state_with_a_later_stamp(plant: Plant) -> None:
     _, client = plant
     before = client.put_back()

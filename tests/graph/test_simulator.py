@@ -172,6 +172,27 @@ def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: Pla
     )
 
 
+def test_a_peduncle_is_set_list_by_list_while_the_fish_swims_on_without_it(
+    start: Callable[..., Any], client: PlantClient
+) -> None:
+    start_simulator(start)
+    client.wait_for_state(State.READY)
+    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    client.wait_for_state(State.SWIMMING)
+    peduncle = {"length": 0.03, "root_height": 0.03, "tip_height": 0.02, "mass_per_area": 1.0}
+    for name, value in peduncle.items():
+        assert len(client.received(topics.JOINT_STATES)[-1].name) == 3
+        assert client.set_parameters({f"peduncle.{name}": [value]}).successful
+        awaited = name != "mass_per_area"
+        client.wait_until(
+            lambda: (s := client.state()) is not None and ("peduncle.mass_per_area 0" in s.reason) is awaited,  # noqa: B023
+            "the state with what is awaited",
+        )
+    client.wait_until(
+        lambda: len(client.received(topics.JOINT_STATES)[-1].name) == 4, "joint_states of the longer tail"
+    )
+
+
 @pytest.mark.parametrize("parameter", ["fin.thickness:=0.5", "fin.young_modulus:=.nan", "fin.yung:=1.0"])
 def test_a_bad_start_value_ends_the_process_with_2_and_says_why(
     start: Callable[..., Any], ros_domain: int, parameter: str

@@ -86,3 +86,14 @@ def test_a_whole_number_keeps_every_digit() -> None:
 def test_a_number_too_long_for_a_float_is_refused_as_too_large() -> None:
     with pytest.raises(ValueError, match=r"x = inf s is outside the allowed range \[0, 10\] s"):
         checks.number("x", 10**400, 0.0, 10.0, unit="s")
+
+
+def test_lists_that_belong_together_are_told_apart_by_their_lengths() -> None:
+    names = {"a.length": "", "a.height": "a.length", "b.other": ""}
+    table = ParameterTable(
+        {name: Parameter(name, "double_array", [], "x", one_for_each=first) for name, first in names.items()}
+    )
+    assert table.lists_apart({"a.length": [1.0], "a.height": [2.0], "b.other": [1.0, 2.0]}) == {}
+    apart = table.lists_apart({"a.length": [1.0, 2.0], "a.height": [2.0], "b.other": []})
+    assert apart.keys() == {"a.length", "a.height"}
+    assert all("a.length 2, a.height 1" in words for words in apart.values())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -25,6 +26,7 @@ _TYPES = {
     "string_array": RosParameter.Type.STRING_ARRAY,
 }
 _NUMBERS = {"double": float, "integer": int}
+_LISTS = {"double_array": "double", "string_array": "string"}
 # Declared by rclpy itself on every node.
 _OWN_BY_RCLPY = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
@@ -32,8 +34,15 @@ _OWN_BY_RCLPY = ("use_sim_time", "qos_overrides.", "start_type_description_servi
 def as_typed(kind: str, value: object) -> object:
     """Return a number in its parameter's type, as far as that is what it says.
 
-    `ros2 param set` sends 2000000000 as an integer and 2.0e9, which YAML 1.1 takes for a text, as a text.
+    `ros2 param set` sends 2000000000 as an integer, 2.0e9, which YAML 1.1 takes for a text, as a text, and `[]` as an
+    empty list of bytes. A file's `[]`, which `ros2 param dump` writes for every empty list, comes as None: a value
+    without type.
     """
+    if kind in _LISTS:
+        items = [] if value is None else value
+        if isinstance(items, str) or not isinstance(items, Iterable):
+            return items
+        return [as_typed(_LISTS[kind], item) for item in items]
     if kind not in _NUMBERS or isinstance(value, bool) or not isinstance(value, int | float | str):
         return value
     try:
@@ -79,6 +88,9 @@ class NodeParameters:
 
     Every change is checked as a whole: the values by their table, then together by ``validate``. A refused change
     leaves the last good values in force. After an accepted one ``on_change`` is called with all values.
+
+    Lists that belong together may be set one after the other. While they differ in length, what was in force of them
+    before stays in force, and `awaited` says what is missing.
     """
 
     def __init__(
@@ -103,7 +115,9 @@ class NodeParameters:
             for name, value in overrides.items()
             if not name.startswith(_OWN_BY_RCLPY)
         }
-        self._values = table.checked(given)
+        self._values = self._set = table.checked(given)
+        if self.awaited:
+            raise ValueError(self.awaited)
         validate(self._values)
         for name, value in self._values.items():
             entry = RosParameter(name, _TYPES[table[name].kind], value)
@@ -117,16 +131,31 @@ class NodeParameters:
         """The values in force, by name."""
         return dict(self._values)
 
+    @property
+    def awaited(self) -> str:
+        """What must still be set before lists that belong together are in force as they were set; empty for nothing."""
+        return "; ".join(dict.fromkeys(self._table.lists_apart(self._set).values()))
+
+    def refuse_incomplete(self) -> None:
+        """Refuse a start while lists are set by half.
+
+        Raises:
+            ValueError: They are; the message says which.
+        """
+        if self.awaited:
+            msg = f"{self.awaited}: set the rest first, or set them back"
+            raise ValueError(msg)
+
     def _convert(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Store each number in its parameter's own type, however it was typed."""
+        """Store each value in its parameter's own type, however it was typed; what is refused is left to `_check`."""
         return [self._converted(p) if p.name in self._table and p.value is not None else p for p in parameters]
 
     def _converted(self, parameter: RosParameter) -> RosParameter:
-        kind = self._table[parameter.name].kind
-        value = as_typed(kind, parameter.value)
-        if kind not in _NUMBERS or not isinstance(value, _NUMBERS[kind]) or isinstance(value, bool):
+        entry = self._table[parameter.name]
+        try:
+            return RosParameter(parameter.name, _TYPES[entry.kind], entry.check(as_typed(entry.kind, parameter.value)))
+        except ValueError:
             return parameter
-        return RosParameter(parameter.name, _TYPES[kind], value)
 
     def _merged(self, parameters: list[RosParameter]) -> dict[str, Value]:
         changes = {p.name: p.value for p in parameters if not p.name.startswith(_OWN_BY_RCLPY)}
@@ -134,15 +163,20 @@ class NodeParameters:
             if self._table.require(name).read_only:
                 msg = f"{name} cannot be changed while the node runs: give it when you start the node"
                 raise ValueError(msg)
-        return self._table.checked({**self._values, **changes})
+        return self._table.checked({**self._set, **changes})
+
+    def _in_force(self, values: dict[str, Value]) -> dict[str, Value]:
+        """Return the values of which lists that differ in length stay as they are."""
+        return {**values, **{name: self._values[name] for name in self._table.lists_apart(values)}}
 
     def _check(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
-            self._validate(self._merged(parameters))
+            self._validate(self._in_force(self._merged(parameters)))
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _accept(self, parameters: list[RosParameter]) -> None:
-        self._values = self._merged(parameters)
+        self._set = self._merged(parameters)
+        self._values = self._in_force(self._set)
         self._on_change(self.values)

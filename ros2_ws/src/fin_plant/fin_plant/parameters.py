@@ -22,12 +22,16 @@ if TYPE_CHECKING:
 Value = float | int | bool | str | list[float] | list[str]
 Kind = Literal["double", "integer", "bool", "string", "double_array", "string_array"]
 _KINDS: tuple[Kind, ...] = ("double", "integer", "bool", "string", "double_array", "string_array")
-_FIELDS = {"type", "unit", "default", "range", "choices", "description", "reason", "read_only"}
+_FIELDS = {"type", "unit", "default", "range", "choices", "one_for_each", "description", "reason", "read_only"}
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter: what it means and which values it takes."""
+    """One parameter: what it means and which values it takes.
+
+    Attributes:
+        one_for_each: Name of the list of which each entry has one here; empty for a value that stands for itself.
+    """
 
     name: str
     kind: Kind
@@ -37,6 +41,7 @@ class Parameter:
     minimum: float = -math.inf
     maximum: float = math.inf
     choices: tuple[str, ...] = ()
+    one_for_each: str = ""
     reason: str = ""
     read_only: bool = False
 
@@ -111,6 +116,17 @@ class ParameterTable(dict[str, Parameter]):
             raise ValueError(msg)
         return self[name]
 
+    def lists_apart(self, values: Mapping[str, Value]) -> dict[str, str]:
+        """Return the lists that belong together and differ in length, by name, with the lengths in words."""
+        apart: dict[str, str] = {}
+        for first in dict.fromkeys(parameter.one_for_each for parameter in self.values() if parameter.one_for_each):
+            names = [first, *(name for name, parameter in self.items() if parameter.one_for_each == first)]
+            counts = {name: len(cast("list[object]", values[name])) for name in names}
+            if len(set(counts.values())) > 1:
+                shown = ", ".join(f"{name} {count}" for name, count in counts.items())
+                apart |= dict.fromkeys(names, f"lists that need as many entries as each other: {shown}")
+        return apart
+
     def group(self, prefix: str) -> ParameterTable:
         """Return the parameters whose names start with ``prefix`` and a dot."""
         return ParameterTable({name: entry for name, entry in self.items() if name.startswith(prefix + ".")})
@@ -134,6 +150,7 @@ def _parameter(source: str, name: str, entry: object) -> Parameter:
         minimum=float(low),
         maximum=float(high),
         choices=tuple(entry.get("choices", ())),
+        one_for_each=entry.get("one_for_each", ""),
         reason=" ".join(str(entry.get("reason", "")).split()),
         read_only=bool(entry.get("read_only", False)),
     )

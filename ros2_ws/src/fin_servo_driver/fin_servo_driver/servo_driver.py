@@ -312,7 +312,8 @@ class ServoDriver:
     def publish_state(self, *, anew: bool = False) -> None:
         """Publish the state if it has changed, or in any case; with a new stamp unless a swim goes on."""
         standing = self._look()
-        state, reason, waiting = standing.state, standing.reason, standing.waiting
+        state, waiting = standing.state, standing.waiting
+        reason = "; ".join(filter(None, (standing.reason, self._parameters.awaited)))
         key = (standing, self._states.swimming_since)
         if key == self._published and not anew:
             return
@@ -411,6 +412,8 @@ class ServoDriver:
                 return None
             msg = f"the plant is in {standing.state}: {standing.reason}"
             raise ValueError(msg)
+        if limited.moves and standing.state is not State.SWIMMING:
+            self._parameters.refuse_incomplete()
         if io.health.phase is Phase.STOPPING:
             msg = "the tail is on its way to neutral: send the gait again"
             raise ValueError(msg)

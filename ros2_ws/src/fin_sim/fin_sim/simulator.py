@@ -171,7 +171,8 @@ class Simulator:
         )
         fin = {name: as_text(value) for name, value in self._values.items() if name.startswith("fin.")}
         limits = {name: as_text(self._values[name]) for name in LIMITS}
-        state = PlantState(self._state, "simulator", self._state_began, self._reason, fin, limits)
+        reason = "; ".join(filter(None, (self._reason, self._parameters.awaited)))
+        state = PlantState(self._state, "simulator", self._state_began, reason, fin, limits)
         self._state_topic.publish(plant_state_message(state))
 
     def _parameters_changed(self, values: Mapping[str, Value]) -> None:
@@ -200,6 +201,8 @@ class Simulator:
         try:
             gait = gait_from_message(message)
             limited = gait.limited(self._number("limits.sweep"), self._number("limits.frequency"))
+            if limited.moves and self._state is not State.SWIMMING:
+                self._parameters.refuse_incomplete()
             changed = not limited.same_as(Gait.from_rows(self._follower.target))
             self._follower.command(limited, self._fish_time)
         except ValueError as error:
@@ -388,6 +391,7 @@ class Simulator:
                     "last_refusal": self._rejection,
                     "held_back_by_a_listener": self._stuck,
                     "largest_hinge_angle": round(self._largest_hinge_angle, 4),
+                    "awaited": self._parameters.awaited,
                     "warnings": warnings,
                 }
             ),
