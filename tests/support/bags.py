@@ -67,14 +67,15 @@ def gait(amplitude: float = 0.3) -> bytes:
 
 
 def write_swim(path: Path, duration: float = 2.0) -> Path:
-    """Write the bag of a whole trial with 100 velocities a second, some chunks long; return its folder."""
+    """Write the bag of a whole trial from rest, 100 velocities a second, some chunks long; return its folder."""
     metadata = {"trial.number": "7", **Measurement(duration=duration).metadata()}
     with BagWriter(path, (VELOCITY, STATE, GAIT), metadata) as writer:
         writer.write(STATE.name, state("READY", START - SECOND))
         writer.write(STATE.name, state("SWIMMING", START))
         writer.write(GAIT.name, gait())
         for index in range(round(duration * 100) + 1):
-            writer.write(VELOCITY.name, velocity(START + index * STEP, 0.1 + 0.01 * math.sin(index)))
+            speed = 0.15 * math.tanh(index / 20) + 0.01 * math.sin(index)
+            writer.write(VELOCITY.name, velocity(START + index * STEP, speed))
             if index % 20 == 0:
                 writer.flush()
         writer.write(STATE.name, state("READY", START + round(duration * SECOND)))

@@ -55,8 +55,8 @@ def velocity(stamp: int, forward: float, *, little_endian: bool = True) -> bytes
 
 
 def speeds(count: int = SAMPLES) -> np.ndarray:
-    """Return forward speeds with all their digits in use."""
-    return np.random.default_rng(3).normal(0.1, 0.02, count)
+    """Return forward speeds from rest with all their digits in use."""
+    return np.tanh(np.arange(count) / 20.0) * np.random.default_rng(3).normal(0.1, 0.02, count)
 
 
 def write_trial(path: Path, *, samples: int = SAMPLES) -> bag_module.BagSummary:

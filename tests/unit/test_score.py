@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,8 @@ from fin_optimizer.score import (
     Measurement,
     ScoreError,
     Window,
+    check_swim,
+    recent_speed,
     score,
 )
 
@@ -230,3 +233,65 @@ def test_metadata_out_of_range_give_no_measurement(change: dict[str, str], reaso
 def test_metadata_without_a_measurement_say_what_is_missing() -> None:
     with pytest.raises(ScoreError, match=r"lack measurement\.settle_s, measurement\.duration_s, measurement\.block_s"):
         Measurement.from_metadata({})
+
+
+# -- velocities of a swim that is none ---------------------------------------------------------------------------------
+
+MEASURED = Measurement(settle=2.0, duration=8.0)
+SWIM = np.arange(-50, 1001) * (SECOND // 100) + START  # with half a second before the gait, which starts at START
+WINDOW = MEASURED.window(START)
+
+
+def swim_from(speed: float) -> np.ndarray:
+    """Return the forward speed of a swim from a start speed, which dies away within a second."""
+    time = np.maximum((SWIM - START) / SECOND, 0.0)
+    return 0.05 * np.tanh(time) ** 2 + speed * np.exp(-time) + 1e-9 * np.sin(SWIM / 1e7)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_a_swim_from_rest_is_one(noise: float) -> None:
+    """Noise of 1 cm/s, as the differences of a tracker's poses have it, is no drift."""
+    random = np.random.default_rng(3)
+    check_swim(SWIM, swim_from(0.0) + noise * random.standard_normal(SWIM.size), WINDOW, MEASURED)
+
+
+@pytest.mark.parametrize("speed", [0.012, -0.012])
+@pytest.mark.parametrize("first", [0, 51], ids=["with samples before the start", "without"])
+def test_a_swim_that_does_not_begin_at_rest_has_no_score(speed: float, first: int) -> None:
+    with pytest.raises(ScoreError, match=f"drifts at {100.0 * speed:g} cm/s before the gait starts.*within 0.5 cm/s"):
+        check_swim(SWIM[first:], swim_from(speed)[first:], WINDOW, MEASURED)
+    check_swim(SWIM, swim_from(speed), WINDOW, replace(MEASURED, largest_start_speed=0.02))
+
+
+@pytest.mark.parametrize(("begin", "length", "refused"), [(300, 50, False), (300, 51, True), (949, 100, True)])
+@pytest.mark.parametrize("value", [0.02, 0.0, -0.01])
+def test_a_velocity_that_is_repeated_to_the_last_bit_is_none(
+    value: float, begin: int, length: int, *, refused: bool
+) -> None:
+    """As of a tracker that lost the fish; up to half a second, as of samples that are missing."""
+    speed = swim_from(0.0)
+    speed[50 + begin : 50 + begin + length + 1] = value
+    if not refused:
+        check_swim(SWIM, speed, WINDOW, MEASURED)
+        return
+    with pytest.raises(ScoreError, match=f"stays at {value} m/s to the last bit for .* s from .* into the window"):
+        check_swim(SWIM, speed, WINDOW, MEASURED)
+
+
+def test_a_velocity_in_another_unit_is_not_believed() -> None:
+    speed = 1000.0 * np.maximum(speed_of(EVEN), 0.0) + 0.5
+    with pytest.raises(ScoreError, match=r"beyond 1 m/s \(measurement.largest_speed\)"):
+        score(EVEN, speed, TEN_SECONDS, largest_speed=Measurement().largest_speed)
+
+
+@pytest.mark.parametrize(("offset", "words"), [(-37, "the last one lies 27 s before"), (50, "the first one lies 40 s")])
+def test_samples_of_another_clock_are_told_with_their_place(offset: int, words: str) -> None:
+    with pytest.raises(ScoreError, match=f"{words}.* the window"):
+        score(EVEN + offset * SECOND, speed_of(EVEN), TEN_SECONDS)
+
+
+def test_the_recent_speed_is_known_after_a_quarter_of_a_second() -> None:
+    assert recent_speed(SWIM[:0], np.zeros(0)) is None
+    assert recent_speed(SWIM[:25], np.full(25, 0.01)) is None
+    assert recent_speed(SWIM[:26], np.full(26, 0.01)) == pytest.approx(0.01)
+    assert recent_speed(SWIM[:200], np.repeat([9.0, 0.01], [150, 50])) == pytest.approx(0.01)

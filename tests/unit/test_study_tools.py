@@ -326,7 +326,9 @@ def with_cost(tmp_path: Path) -> Path:
     measurement = Measurement(duration=2.0)
     settings = Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)
     metadata = {f"study.{name}": str(value) for name, value in settings.flat().items()}
-    velocities = [velocity(START + index * STEP, 0.1 + 0.01 * math.sin(index)) for index in range(201)]
+    velocities = [
+        velocity(START + index * STEP, 0.15 * math.tanh(index / 20) + 0.01 * math.sin(index)) for index in range(201)
+    ]
     joints = [joint_states(START + index * STEP, 2.0 + math.cos(index), math.sin(index) ** 2) for index in range(201)]
     with Study.create(tmp_path / "study", settings) as study:
         record = study.start(study.propose(0, {MODULUS: 1e9, LENGTH: 0.08}).number)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from fin_optimizer import trial as trial_module
 from fin_optimizer.score import Measurement
@@ -13,7 +16,7 @@ from fin_optimizer.trial import PHASES, Action, Outcome, Reply, Result, Timeouts
 from fin_plant.plant_state import PlantState, State
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from fin_plant.parameters import Value
 
@@ -36,10 +39,15 @@ class Seen:
     fin_reply: Reply | None = None
     reset_reply: Reply | None = None
     other_fish: str | None = ""
+    cut_gait: str = ""
+    follows_a_gait: bool = False
     other_gait: str = ""
     tail_angle: float | None = 0.0
     unmatched_topics: Sequence[str] = ("/fish/velocity",)
     newest_velocity: int | None = None
+    velocities: int = 0
+    least_pace: float = 0.5
+    drift: float | None = 0.0
     late_topics: Sequence[str] = ()
     recorder_failure: str = ""
     result: Result | None = None
@@ -62,8 +70,9 @@ PLANT_DOES: dict[str, tuple[PlantState | None, dict[str, object]]] = {
     "wait for the fin": (says(State.READY, 3, SHOWN), {}),
     "reset": (None, {"reset_reply": Reply(accepted=True)}),
     "wait at the start": (says(State.READY, 4, SHOWN), {}),
-    "open the bag": (None, {"unmatched_topics": ()}),
-    "start the gait": (says(State.SWIMMING, 10, SHOWN), {}),
+    "open the bag": (None, {"unmatched_topics": (), "drift": None}),
+    "wait until the water is still": (None, {"drift": 0.001}),
+    "start the gait": (says(State.SWIMMING, 10, SHOWN), {"follows_a_gait": True}),
     "settle": (None, {"newest_velocity": 12 * SECOND}),
     "measure": (None, {"newest_velocity": 22 * SECOND}),
     "stop the gait": (says(State.READY, 23, SHOWN), {}),
@@ -168,6 +177,7 @@ SILENT_PLANT = [
     ("reset", 20.0, "no answer from service /fish/simulator/request_reset"),
     ("wait at the start", 10.0, "topic /fish/plant_state says READY"),
     ("open the bag", 10.0, "nothing to record on topic /fish/velocity: nobody publishes topic /fish/velocity; no "),
+    ("wait until the water is still", 60.0, "too few messages on topic /fish/velocity tell whether"),
     ("start the gait", 5.0, "the gait on topic /fish/gait had no effect: topic /fish/plant_state says READY; nobody"),
     ("settle", 5.0, "no message on topic /fish/velocity"),
     ("measure", 5.0, "no message on topic /fish/velocity after 2.00 s of the swim"),
@@ -181,7 +191,7 @@ def test_a_plant_that_falls_silent_fails_the_trial_and_the_reason_names_what_was
 ) -> None:
     rehearsal = Rehearsal()
     rehearsal.reach(phase)
-    rehearsal.update(patience)
+    rehearsal.update(patience - 0.01)
     assert rehearsal.trial.result is None, "too early"
     rehearsal.update(0.1)
     assert rehearsal.failure.startswith(f"{phase}: ")
@@ -313,7 +323,7 @@ def test_a_state_said_before_the_reset_does_not_count_as_being_at_the_start() ->
     assert rehearsal.trial.phase == "open the bag"
 
 
-AFTER_THE_FIN = [phase.name for phase in PHASES[3:11]]
+AFTER_THE_FIN = [phase.name for phase in PHASES[3:12]]
 """From "wait for the fin" to "stop the gait"."""
 WAITING_FOR_PEOPLE = [("wait for the fin", State.WAITING_FOR_FIN), ("wait at the start", State.WAITING_FOR_RESET)]
 
@@ -378,6 +388,27 @@ def test_a_swim_of_another_gait_than_the_one_asked_for_is_no_ok_trial() -> None:
     rehearsal.update()
     assert rehearsal.failure == "stop the gait: joint 1: frequency 8 Hz asked, 5 Hz swum"
     assert not rehearsal.is_attempt
+
+
+def test_a_swim_counts_only_once_the_plant_has_said_which_gait_it_swims() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("start the gait")
+    rehearsal.say(State.SWIMMING, 10 * SECOND, fin=SHOWN)
+    rehearsal.update(4.9)
+    assert rehearsal.trial.phase == "start the gait"
+    rehearsal.update(0.2)
+    assert "topic /fish/gait_applied does not tell which gait the plant swims" in rehearsal.failure
+    assert rehearsal.actions[-2:] == [Action.GAIT_OFF, Action.CLOSE_BAG]
+
+
+def test_a_gait_that_the_plant_would_cut_never_starts() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait until it is at rest")
+    rehearsal.seen.cut_gait = "the plant's limits would cut the gait"
+    rehearsal.update()
+    assert rehearsal.failure == "wait until it is at rest: the plant's limits would cut the gait"
+    assert not rehearsal.is_attempt
+    assert Action.SET_FIN not in rehearsal.actions
 
 
 def test_another_fish_than_the_studys_swims_nothing() -> None:
@@ -462,13 +493,107 @@ def test_a_plant_that_waits_for_people_must_answer_its_services_all_the_same() -
     assert "no answer from service" in rehearsal.failure
 
 
-def test_a_swim_may_be_as_slow_as_it_likes_while_velocities_come() -> None:
+def test_a_simulated_swim_may_be_a_hundred_times_slower_than_real_time() -> None:
     rehearsal = Rehearsal()
+    rehearsal.seen.least_pace = 0.01
     rehearsal.reach("measure")
     for tenth in range(100):
         rehearsal.seen.newest_velocity = 12 * SECOND + tenth * SECOND // 10
         rehearsal.update(4.0)
     assert rehearsal.trial.phase == "measure"
+
+
+# Stamps in s of a velocity's clock after so many s of the swim, which began at 10 s; and what the trial says of them.
+USELESS_STAMPS: list[tuple[Callable[[float], float], str]] = [
+    (lambda time: 10.0 + 0.001 * time, "their stamps advanced by only"),
+    (lambda time: 11.0 + math.sin(time), "their stamps advanced by only"),
+    (lambda time: 10.5 - 0.001 * time, "their stamps advanced by only"),
+    (lambda _: 10.0, "their stamps advanced by only 0 s"),
+    (lambda time: 11.0 - time, "before the start of the swim: its clock is not the plant's"),
+    (lambda _: 0.0, "the last one stamped 10 s before the start of the swim"),
+    (lambda time: time - 1e5, "the last one stamped 100005 s before"),
+]
+
+
+@pytest.mark.parametrize("phase", ["settle", "measure"])
+@pytest.mark.parametrize(("clock", "reason"), USELESS_STAMPS)
+def test_velocities_whose_stamps_do_not_carry_the_swim_on_keep_no_tail_beating(
+    clock: Callable[[float], float], reason: str, phase: str
+) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    begin = rehearsal.now
+    while rehearsal.trial.result is None:
+        rehearsal.seen.velocities += 1
+        rehearsal.seen.newest_velocity = round(clock(rehearsal.now - begin) * SECOND)
+        rehearsal.update(0.01)
+        assert rehearsal.now < begin + 15.1, "the tail beats on"
+    assert reason in rehearsal.failure
+    assert "messages came on topic /fish/velocity" in rehearsal.failure
+    assert rehearsal.actions[-2:] == [Action.GAIT_OFF, Action.CLOSE_BAG]
+
+
+@given(pace=st.sampled_from([0.01, 0.5]), data=st.data())
+def test_whatever_the_stamps_do_a_swim_ends(pace: float, data: st.DataObject) -> None:
+    """Its 12 s at the least pace, and a silence in each of its two phases, are the most that it can last."""
+    rehearsal = Rehearsal()
+    rehearsal.seen.least_pace = pace
+    rehearsal.reach("settle")
+    begin = rehearsal.now
+    step = st.one_of(st.floats(-100.0, 100.0), st.floats(-0.1, 0.1), st.just(0.0))
+    stamp = 10.0
+    while rehearsal.trial.phase in {"settle", "measure"} and rehearsal.trial.result is None:
+        rehearsal.seen.velocities += 1
+        stamp += data.draw(step) if rehearsal.now < begin + 20.0 else 0.0
+        rehearsal.seen.newest_velocity = round(stamp * SECOND)
+        rehearsal.update(0.5)
+        assert rehearsal.now <= begin + 12.0 / pace + 2 * TIMEOUTS.silence + 1.0
+
+
+def test_a_velocity_that_stands_still_says_how_long_ago_it_was_stamped() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("measure")
+    rehearsal.seen.velocities, rehearsal.seen.newest_velocity = 500, -90 * SECOND
+    rehearsal.update(5.1)
+    assert rehearsal.failure == (
+        "measure: 500 messages came on topic /fish/velocity, the last one stamped 100 s before the start of the swim: "
+        "its clock is not the plant's (waited 5 s)"
+    )
+
+
+def test_a_fish_that_drifts_is_waited_for_before_its_gait_starts() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait until the water is still")
+    rehearsal.seen.drift = 0.012
+    rehearsal.update(59.0)
+    assert rehearsal.trial.phase == "wait until the water is still"
+    assert Action.GAIT_ON not in rehearsal.actions
+    rehearsal.seen.drift = -0.004
+    rehearsal.update(0.1)
+    assert rehearsal.trial.phase == "start the gait"
+
+
+def test_a_fish_that_drifts_for_too_long_swims_nothing() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait until the water is still")
+    rehearsal.seen.drift = 0.012
+    rehearsal.update(60.1)
+    assert "the fish drifts at 1.2 cm/s before the gait starts" in rehearsal.failure
+    assert Action.GAIT_ON not in rehearsal.actions
+    assert not rehearsal.is_attempt
+
+
+@pytest.mark.parametrize(("phase", "state"), WAITING_FOR_PEOPLE)
+def test_the_clock_of_a_phase_starts_anew_when_people_are_done(phase: str, state: State) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.wait_for_people(phase, state)
+    rehearsal.update(600.0)
+    rehearsal.say(State.READY, 1 * SECOND)  # said before the reset, with the fin of before: not yet what is needed
+    rehearsal.update(9.9)
+    rehearsal.update(9.9)
+    assert rehearsal.trial.result is None
+    rehearsal.update(0.2)
+    assert "waited 10 s" in rehearsal.failure
 
 
 def test_a_plant_that_stops_swimming_early_fails_the_trial() -> None:

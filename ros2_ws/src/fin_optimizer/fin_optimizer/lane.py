@@ -145,7 +145,7 @@ class Lane:
     def note(self) -> str:
         """How far the fish has swum, or empty."""
         swims = self.trial is not None and self.trial.window is not None
-        return f"{self.trial.swum(self._facts):.0f} s" if self.trial is not None and swims else ""
+        return f"{self.trial.swum:.0f} s" if self.trial is not None and swims else ""
 
     def waits_for(self, now: float) -> str:
         """Return, once, what a person has to do if the fish waits for one longer than for a moment; else nothing."""
@@ -251,7 +251,7 @@ class Lane:
             case Action.RESET | Action.RECOVER:
                 self.plant.request_reset()
             case Action.GAIT_ON:
-                self._gait_due = 0.0
+                self._gait_due, self.plant.applied = 0.0, None
                 self._repeat_gait(time.monotonic())
             case Action.GAIT_OFF:
                 self._gait_due = None

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from fin_optimizer.bag import velocity_samples
+from fin_optimizer.graph import SIMULATOR
+from fin_optimizer.score import recent_speed
 from fin_optimizer.score_bag import tail_angle
 from fin_optimizer.silence import silence
 from fin_plant import topics
@@ -37,6 +40,10 @@ _RECORDED_IF_THERE = (topics.POSE, topics.THRUST)
 _ALWAYS_STREAMED = (topics.JOINT_STATES, topics.VELOCITY)
 _STREAMS = (*_ALWAYS_STREAMED, *_RECORDED_IF_THERE)
 _BY_NAME = {topic.name: wanted(topic) for topic in topics.RECORDED_TOPICS}
+_SLOWEST_SIMULATION = 0.01
+_SLOWEST_ROBOT = 0.5
+_MANY_VELOCITIES = 500
+"""The last 0.5 s of a tracker with 1 kHz."""
 _ROUNDING = 1e-4
 """Relative difference of two numbers that are meant to be one: people write 0.2618 rad for 15 degrees."""
 
@@ -109,10 +116,15 @@ class Observation:
         return self._client.reset_reply
 
     @property
+    def follows_a_gait(self) -> bool:
+        """Whether the plant has said which gait it follows."""
+        return self._client.applied is not None and self._client.applied.moves
+
+    @property
     def other_gait(self) -> str:
         """Why the plant does not swim the gait that is asked for, or empty; a still tail follows none yet."""
         applied = self._client.applied
-        if applied is not None and applied.moves and not applied.same_as(self._gait, _ROUNDING):
+        if applied is not None and self.follows_a_gait and not applied.same_as(self._gait, _ROUNDING):
             return f"the plant swims another gait than the one asked for: {_differences(self._gait, applied)}"
         return ""
 
@@ -144,8 +156,29 @@ class Observation:
 
     @property
     def newest_velocity(self) -> int | None:
-        """Stamp of the newest velocity in ns."""
+        """Stamp in ns of the velocity that came last."""
         return self._recorder.newest_stamp(topics.VELOCITY)
+
+    @property
+    def velocities(self) -> int:
+        """Number of velocities that have come."""
+        return self._recorder.received(topics.VELOCITY)
+
+    @property
+    def least_pace(self) -> float:
+        """Seconds that the plant swims at least in a second: a robot's clock is the wall's, a simulator's is not."""
+        return _SLOWEST_SIMULATION if self._is_simulated else _SLOWEST_ROBOT
+
+    @property
+    def drift(self) -> float | None:
+        """Mean forward speed in m/s of late; a simulator puts its fish at rest."""
+        if self._is_simulated:
+            return 0.0
+        return recent_speed(*velocity_samples(self._recorder.messages(topics.VELOCITY)[-_MANY_VELOCITIES:]))
+
+    @property
+    def _is_simulated(self) -> bool:
+        return self.plant is not None and self.plant.plant == SIMULATOR
 
     @property
     def late_topics(self) -> Sequence[str]:

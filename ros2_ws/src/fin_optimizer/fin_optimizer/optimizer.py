@@ -46,8 +46,8 @@ _SHOW_PERIOD = 0.1
 _IDLE_PERIOD = 0.1
 _ARRIVAL = 5.0
 """s in which several fish, started beside the optimiser, may appear without a word about it."""
-_FIRST_WORD = 3.0
-"""s for which the first trial waits for a plant's first word."""
+_FIRST_WORD = 15.0
+"""s for which the first trial waits for a plant's first word, which tells the limits of the gait."""
 _DISCOVERY = 0.5
 """s before the first trial: a second plant must have been seen before the first one is spoken to."""
 

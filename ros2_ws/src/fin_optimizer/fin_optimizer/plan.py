@@ -46,10 +46,10 @@ class Plan:
         frequency = self.number("gait.frequency")
         self.gait = carangiform(self.number("gait.amplitude"), frequency)
         self.no_gait = Gait((JointDrive(0.0, frequency),))
-        self.measurement = Measurement(
-            self.number("measurement.settle"), self.number("measurement.duration"), block=1.0 / frequency
-        )
-        names = ("find", "plant", "reply", "silence", "people")
+        measured = ("settle", "duration", "largest_speed", "largest_start_speed")
+        numbers = {name: self.number(f"measurement.{name}") for name in measured}
+        self.measurement = Measurement(**numbers, block=1.0 / frequency)
+        names = ("find", "plant", "reply", "silence", "rest", "people")
         self.timeouts = Timeouts(**{name: self.number(f"timeout.{name}") for name in names})
         self.plants = self._plants()
         details = {n: v for n, v in values.items() if n.startswith(_DECISIVE) and n not in space.names}

@@ -46,7 +46,7 @@ class PlantClient:
         unreadable: Why what came last on ``plant_state`` is no state of a plant; empty if it was one.
         changed: Something new has come; the owner sets it back.
         velocity_trouble: What the estimator of the velocity complained about last; the owner sets it back.
-        applied: The gait that the plant said last it follows, None before.
+        applied: The gait that the plant said last it follows, None before; the owner sets it back.
         parameters: What `ask_parameters` learnt, by name, None before the answer has come.
     """
 

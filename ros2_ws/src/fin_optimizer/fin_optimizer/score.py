@@ -28,13 +28,24 @@ MINIMUM_RATE = 10.0
 """Hz, as a mean over the window. A fish surges twice a beat; five samples a surge at 1 Hz do not alias it."""
 
 FASTEST = 30.0
-"""m/s. No swimmer is faster; beyond it a model has diverged or a tracker reports in millimetres."""
+"""m/s. No swimmer is faster."""
+REST = 0.5
+"""s before a swim over which the mean forward speed tells whether it begins at rest: the noise of a tracker is
+averaged out, and the gait has moved nothing yet."""
+_AT_THE_START = 0.05
+"""s. Where there is no sample before a swim, the first two tell its start if the first is not later than this."""
 
 _KEYS = {
     "settle": "measurement.settle_s",
     "duration": "measurement.duration_s",
     "block": "measurement.block_s",
 }
+_LIMITS = {
+    "largest_speed": "measurement.largest_speed_m_s",
+    "largest_start_speed": "measurement.largest_start_speed_m_s",
+}
+_OF_OLDER_BAGS = {"largest_speed": FASTEST}
+"""What was allowed before bags said it."""
 _MINIMUM_SAMPLES = 2  # an average over time needs an interval, a standard deviation two values
 
 
@@ -80,6 +91,8 @@ class Measurement:
         settle: Time in s between the start of the gait and the start of the window.
         duration: Length of the window in s.
         block: Length in s of the blocks whose means give the spread: a beat's period, where there is one.
+        largest_speed: Forward speed in m/s, forwards or backwards, beyond which a velocity is not believed.
+        largest_start_speed: Mean forward speed in m/s, either way, at which a swim still begins at rest.
 
     Raises:
         ValueError: A value outside its range.
@@ -88,21 +101,38 @@ class Measurement:
     settle: float = 0.0
     duration: float = 10.0
     block: float = 1.0
+    largest_speed: float = 1.0
+    largest_start_speed: float = 0.005
 
     def __post_init__(self) -> None:
         day = 86_400.0
         checks.number("settle", self.settle, 0.0, day, unit="s")
         checks.number("duration", self.duration, 0.0, day, unit="s", exclusive_minimum=True)
         checks.number("block", self.block, 0.0, day, unit="s", exclusive_minimum=True)
+        checks.number("largest_speed", self.largest_speed, 0.0, FASTEST, unit="m/s", exclusive_minimum=True)
+        checks.number("largest_start_speed", self.largest_start_speed, 0.0, FASTEST, unit="m/s")
 
     def window(self, swimming_since_ns: int) -> Window:
         """Return the window of a swim whose gait started at the plant's time ``swimming_since_ns``, in ns."""
         start = swimming_since_ns + round(self.settle * NANOSECONDS)
         return Window(start, start + round(self.duration * NANOSECONDS))
 
+    def start_of(self, window: Window) -> int:
+        """Return the plant's time in ns at which the gait of a swim with that window started."""
+        return window.start_ns - round(self.settle * NANOSECONDS)
+
+    def no_rest(self, speed: float) -> str:
+        """Return why a swim that begins at this mean forward speed in m/s does not begin at rest, or empty."""
+        if abs(speed) <= self.largest_start_speed:
+            return ""
+        return (
+            f"the fish drifts at {100.0 * speed:.2g} cm/s before the gait starts, and a swim begins at rest, within "
+            f"{100.0 * self.largest_start_speed:g} cm/s (measurement.largest_start_speed)"
+        )
+
     def metadata(self) -> dict[str, str]:
         """Return the entries of a bag's metadata that :meth:`from_metadata` reads; no digit is lost."""
-        return {key: repr(float(getattr(self, name))) for name, key in _KEYS.items()}
+        return {key: repr(float(getattr(self, name))) for name, key in {**_KEYS, **_LIMITS}.items()}
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Measurement:
@@ -117,7 +147,8 @@ class Measurement:
             msg = f"metadata lack {', '.join(missing)}: they do not say which part of the swim counts"
             raise MissingMeasurementError(msg)
         try:
-            return cls(**{name: float(metadata[key]) for name, key in _KEYS.items()})
+            told = {name: float(metadata[key]) for name, key in {**_KEYS, **_LIMITS}.items() if key in metadata}
+            return cls(**{**_OF_OLDER_BAGS, **told})
         except ValueError as error:
             msg = f"metadata measurement.*: {error}"
             raise ScoreError(msg) from error
@@ -143,7 +174,12 @@ class Score:
 
 
 def score(
-    stamps_ns: NDArray[np.int64], forward_speed: NDArray[np.float64], window: Window, *, block: float = 1.0
+    stamps_ns: NDArray[np.int64],
+    forward_speed: NDArray[np.float64],
+    window: Window,
+    *,
+    block: float = 1.0,
+    largest_speed: float = FASTEST,
 ) -> Score:
     """Return the mean forward speed over the window.
 
@@ -159,11 +195,12 @@ def score(
         forward_speed: Speed in m/s along the body's x axis, shape (n,). Outside the window it may be NaN.
         window: What counts.
         block: Length in s of the blocks whose means give the spread.
+        largest_speed: In m/s, either way; a velocity beyond it is not believed.
 
     Raises:
         ScoreError: Arrays that do not fit each other, stamps that repeat or run backwards, too few samples
             (MINIMUM_RATE), a gap longer than LONGEST_GAP, also at the window's ends, or a value that is not
-            finite or beyond FASTEST.
+            finite or beyond ``largest_speed``.
     """
     _check_order(stamps_ns, forward_speed)
     inside = (stamps_ns >= window.start_ns) & (stamps_ns <= window.end_ns)
@@ -172,21 +209,77 @@ def score(
     if stamps.size < needed:
         msg = (
             f"window of {window.duration:g} s holds {stamps.size} of {stamps_ns.size} velocity samples: "
-            f"needed are at least {needed} ({MINIMUM_RATE:g} a second)"
+            f"needed are at least {needed} ({MINIMUM_RATE:g} a second){_where(stamps_ns, window)}"
         )
         raise ScoreError(msg)
     longest_gap = _check_gaps(stamps, window)
-    unusable = np.flatnonzero(~(np.abs(speed) <= FASTEST))  # written so that NaN is unusable too
+    unusable = np.flatnonzero(~(np.abs(speed) <= largest_speed))  # written so that NaN is unusable too
     if unusable.size:
         first = int(unusable[0])
         msg = (
             f"forward speed is {speed[first]:g} m/s {_after(stamps[first], window)}, and {unusable.size} of "
-            f"{speed.size} samples are not finite or beyond {FASTEST:g} m/s: all in the window must be usable"
+            f"{speed.size} samples are not finite or beyond {largest_speed:g} m/s (measurement.largest_speed): all in "
+            "the window must be usable, in m/s"
         )
         raise ScoreError(msg)
-    near = _near(stamps_ns, forward_speed, window)
+    near = _near(stamps_ns, forward_speed, window, largest_speed)
     value = _time_average(*near, window.start_ns, window.end_ns)
     return Score(value, int(stamps.size), _spread(*near, window, block), longest_gap)
+
+
+def check_swim(
+    stamps_ns: NDArray[np.int64], forward_speed: NDArray[np.float64], window: Window, measurement: Measurement
+) -> None:
+    """Refuse velocities that no fish swims, and a swim that does not begin at rest: a score of it would be another.
+
+    Args:
+        stamps_ns: Header stamps in ns, shape (n,), strictly increasing.
+        forward_speed: Speed in m/s along the body's x axis, shape (n,).
+        window: What counts.
+        measurement: How it was measured.
+
+    Raises:
+        ScoreError: The same value to the last bit for longer than LONGEST_GAP, as of a tracker that lost the fish, or
+            a mean forward speed in the `REST` before the gait, or just after its start, that is none of rest.
+    """
+    start = measurement.start_of(window)
+    before = _speed_before(stamps_ns, forward_speed, start)
+    if reason := measurement.no_rest(before):
+        raise ScoreError(reason)
+    inside = (stamps_ns >= start) & (stamps_ns <= window.end_ns)
+    stamps, speed = stamps_ns[inside], forward_speed[inside]
+    begins = np.flatnonzero(np.concatenate(([True], np.diff(speed) != 0.0)))[: stamps.size]
+    ends = np.concatenate((begins[1:], [stamps.size]))[: begins.size] - 1
+    lengths = stamps[ends] - stamps[begins]
+    longest = int(np.argmax(lengths)) if lengths.size else 0
+    if lengths.size and lengths[longest] > LONGEST_GAP * NANOSECONDS:
+        at = begins[longest]
+        msg = (
+            f"the velocity stays at {speed[at]!s} m/s to the last bit for {lengths[longest] / NANOSECONDS:.3g} s from "
+            f"{_after(stamps[at], window)}: allowed are {LONGEST_GAP:g} s, a fish that swims never keeps a speed so "
+            "exactly. Did the tracker lose it, or does it round its velocities?"
+        )
+        raise ScoreError(msg)
+
+
+def recent_speed(stamps_ns: NDArray[np.int64], forward_speed: NDArray[np.float64]) -> float | None:
+    """Return the mean forward speed in m/s of the last `REST`, None while fewer samples than half of it are there."""
+    if not stamps_ns.size or stamps_ns[-1] - stamps_ns[0] < REST / 2 * NANOSECONDS:
+        return None
+    return _speed_before(stamps_ns, forward_speed, int(stamps_ns[-1]))
+
+
+def _speed_before(stamps: NDArray[np.int64], speed: NDArray[np.float64], start: int) -> float:
+    """Return the mean forward speed in m/s before a start in ns, else that of the line back to it; 0 if unknown."""
+    usable = np.isfinite(speed)
+    before = usable & (stamps > start - round(REST * NANOSECONDS)) & (stamps <= start)
+    if before.any():
+        return math.fsum(speed[before].tolist()) / int(before.sum())
+    after = np.flatnonzero(usable & (stamps > start))[:2]
+    if after.size < _MINIMUM_SAMPLES or stamps[after[0]] - start > _AT_THE_START * NANOSECONDS:
+        return 0.0
+    (t1, t2), (v1, v2) = (stamps[after] - start).tolist(), speed[after].tolist()
+    return float(v1 - (v2 - v1) * t1 / (t2 - t1))
 
 
 def mean_power(stamps_ns: NDArray[np.int64], power: NDArray[np.float64], window: Window) -> float:
@@ -243,12 +336,24 @@ def _check_gaps(stamps: NDArray[np.int64], window: Window, topic: str = "velocit
 
 
 def _near(
-    stamps: NDArray[np.int64], speed: NDArray[np.float64], window: Window
+    stamps: NDArray[np.int64], speed: NDArray[np.float64], window: Window, largest_speed: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the usable samples of the window and those beyond its ends that tell the speed at them."""
     reach = round(LONGEST_GAP * NANOSECONDS)
-    near = (stamps >= window.start_ns - reach) & (stamps <= window.end_ns + reach) & (np.abs(speed) <= FASTEST)
+    near = (stamps >= window.start_ns - reach) & (stamps <= window.end_ns + reach) & (np.abs(speed) <= largest_speed)
     return stamps[near], speed[near]
+
+
+def _where(stamps: NDArray[np.int64], window: Window) -> str:
+    """Return where samples lie that are too few in the window, which tells of a clock that is none of the plant's."""
+    if not stamps.size:
+        return ""
+    first, last = int(stamps[0]), int(stamps[-1])
+    if last < window.start_ns:
+        return f"; the last one lies {(window.start_ns - last) / NANOSECONDS:g} s before the window"
+    if first > window.end_ns:
+        return f"; the first one lies {(first - window.end_ns) / NANOSECONDS:g} s behind the window"
+    return ""
 
 
 def _after(stamp: np.int64, window: Window) -> str:

@@ -24,6 +24,7 @@ from fin_optimizer.score import (
     Score,
     ScoreError,
     Window,
+    check_swim,
     mean_power,
     score,
 )
@@ -156,9 +157,10 @@ def scored_swim(
         measurement: How it was measured.
 
     Raises:
-        ScoreError: The samples give no score, or no power.
+        ScoreError: The samples give no score, or no power; or they are those of no swim from rest.
     """
-    scored = score(*velocity, window, block=measurement.block)
+    scored = score(*velocity, window, block=measurement.block, largest_speed=measurement.largest_speed)
+    check_swim(*velocity, window, measurement)
     if joint_states is None:
         return scored, None
     power = mean_power(*power_samples(joint_states), window)

@@ -32,7 +32,7 @@ _NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS}
 """What os.link says on vfat and exFAT, on CIFS, and in user space."""
 _CONTENT = ("format", "space", "policy", "objective", "details")
 """Entries of the settings file, beside those that tell this study from others and that it was not changed."""
-_ADDED = frozenset({AREA})
+_ADDED = frozenset({AREA, "measurement.largest_speed", "measurement.largest_start_speed"})
 """Settings that studies of older versions lack."""
 _SETTINGS_SUM = re.compile(rf',\n  "{CHECK_SUM}": "([0-9a-f]+)"\n}}\n\Z')
 

@@ -28,6 +28,8 @@ _WAITING = (State.WAITING_FOR_FIN, State.WAITING_FOR_RESET)
 NANOSECONDS = 1_000_000_000
 STRAIGHT = 0.05
 """rad. In a rehearsal a tail that began at 0.06 rad changed a score by 1.4 %, at 0.2 rad by 8 %."""
+_LONG = 1000.0
+"""s. From here on whole seconds tell enough."""
 
 
 class Outcome(StrEnum):
@@ -137,6 +139,14 @@ class Facts(Protocol):
         """Why the plant's fish is not the one of the study, or empty; None until the plant has told what swims."""
 
     @property
+    def cut_gait(self) -> str:
+        """What the plant's limits would make of the gait, or empty."""
+
+    @property
+    def follows_a_gait(self) -> bool:
+        """Whether the plant has said, since GAIT_ON, which gait it follows."""
+
+    @property
     def other_gait(self) -> str:
         """Why the plant swims another gait than the one asked for, or empty."""
 
@@ -150,7 +160,19 @@ class Facts(Protocol):
 
     @property
     def newest_velocity(self) -> int | None:
-        """Stamp in ns of the newest velocity in the bag."""
+        """Stamp in ns of the velocity that came last."""
+
+    @property
+    def velocities(self) -> int:
+        """Number of velocities that have come."""
+
+    @property
+    def least_pace(self) -> float:
+        """Seconds of its own time that the plant swims at least in a second of the wall clock."""
+
+    @property
+    def drift(self) -> float | None:
+        """Mean forward speed in m/s of late, 0 for a plant that is at rest by nature; None before it is known."""
 
     @property
     def late_topics(self) -> Sequence[str]:
@@ -173,7 +195,8 @@ class Timeouts:
         find: Until a plant is found with its services.
         plant: Until the plant is at rest, ready and matched.
         reply: Until a service answers.
-        silence: Until the next velocity during a swim, or the next state around it.
+        silence: Until velocities have carried a swim on, or until the next state around it.
+        rest: Until the water is still, and the fish with it.
         people: Until somebody has mounted a fin or brought the fish back to its mark; 0 waits for ever.
     """
 
@@ -181,10 +204,11 @@ class Timeouts:
     plant: float = 10.0
     reply: float = 10.0
     silence: float = 5.0
+    rest: float = 60.0
     people: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("find", "plant", "reply", "silence"):
+        for name in ("find", "plant", "reply", "silence", "rest"):
             checks.number(f"timeout.{name}", getattr(self, name), 0.0, unit="s", exclusive_minimum=True)
         checks.number("timeout.people", self.people, 0.0, unit="s")
 
@@ -213,6 +237,7 @@ class Trial:
 
     Attributes:
         fin: The fin that is tried, by the plant's parameters.
+        measurement: Which part of the swim is scored, and what a swim must be to be scored.
         result: How it ended, None before.
         window: Over which it is scored, None until the fish swims.
     """
@@ -230,11 +255,14 @@ class Trial:
         self.result: Result | None = None
         self.window: Window | None = None
         self._topic_prefix = namespace.rstrip("/")
-        self._measurement = measurement
+        self.measurement = measurement
         self._timeouts = timeouts
         self._index = -1
         self._progress_at = 0.0
-        self._newest_seen: int | None = None
+        self._reached = 0.0
+        self._reached_before = 0.0
+        self._velocities_before = 0
+        self._waited_for_people = False
         self._swimming_since = 0
         self._reset_after = -1
         self._gait_is_on = False
@@ -270,9 +298,9 @@ class Trial:
             self._other_gait = facts.other_gait
         if failure := self._failure(facts) or self._lost(now, facts):
             return self._end(failure)
+        self._note_progress(now, facts)
         if phase.done(self, facts):
             return self._next(now, facts)
-        self._note_progress(now, facts)
         if failure := self._stopped_swimming(facts) or self._overdue(now, facts):
             return self._end(failure)
         return []
@@ -286,7 +314,7 @@ class Trial:
     def _next(self, now: float, facts: Facts) -> list[Action]:
         if PHASES[self._index].action is Action.GAIT_ON and facts.plant is not None:
             self._swimming_since = facts.plant.stamp
-            self.window = self._measurement.window(facts.plant.stamp)
+            self.window = self.measurement.window(facts.plant.stamp)
         if self._index + 1 < len(PHASES):
             return self._enter(self._index + 1, now, facts)
         self.result = facts.result
@@ -294,7 +322,7 @@ class Trial:
 
     def _enter(self, index: int, now: float, facts: Facts) -> list[Action]:
         self._index = index
-        self._progress_at, self._newest_seen = now, facts.newest_velocity
+        self._mark_progress(now, facts)
         if index == _FIN_IS_SET + 1:
             self._spoken_to = facts.publishers
         action = PHASES[index].action
@@ -343,7 +371,8 @@ class Trial:
             return facts.recorder_failure
         if self._index > 0 and len(facts.plants) > 1:
             return _no_plant(self, facts)
-        if other := facts.other_fish or (not self._gait_is_on and self._other_gait):
+        cut = facts.cut_gait if self._index == _AT_REST else ""
+        if other := facts.other_fish or cut or (not self._gait_is_on and self._other_gait):
             return other
         if self._index > _AT_REST and _is(facts, State.FAULT):
             return _says(self, facts)
@@ -357,7 +386,7 @@ class Trial:
             return f"the fin mounted has {differs}: was the plant started anew, or its fin changed by somebody else?"
         if self.window is not None and _is(facts, State.SWIMMING) and not self._is_this_swim(facts):
             return (
-                f"topic {self.topic('plant_state')} says SWIMMING anew, {self.swum(facts):.2f} s into the swim: the "
+                f"topic {self.topic('plant_state')} says SWIMMING anew, {self.swum:.2f} s into the swim: the "
                 "plant got other parameters, or stopped and began again; leave it alone while it swims"
             )
         return ""
@@ -401,27 +430,57 @@ class Trial:
         ):
             return None
         reason = (
-            f"{self.phase}: the plant went to {facts.plant.state} {self.swum(facts):.2f} s into a swim of "
-            f"{self._measurement.settle + self._measurement.duration:g} s{_because(facts.plant)}: did the gait on "
+            f"{self.phase}: the plant went to {facts.plant.state} {self.swum:.2f} s into a swim of "
+            f"{self.measurement.settle + self.measurement.duration:g} s{_because(facts.plant)}: did the gait on "
             f"{self.topic('gait')} reach it often enough?"
         )
         return Result(Outcome.FAILED, reason)
 
-    def swum(self, facts: Facts) -> float:
-        """Return how long the fish has swum, in s of the plant's time."""
-        if self.window is None or facts.newest_velocity is None:
-            return 0.0
-        return max(0.0, (facts.newest_velocity - self._swimming_since) / NANOSECONDS)
+    @property
+    def swum(self) -> float:
+        """How far into the swim the velocities reach, in s of the plant's time."""
+        return self._reached
 
     def was_reset(self, plant: PlantState) -> bool:
         """Whether the state was said after the trial's reset."""
         return plant.stamp > self._reset_after
 
     def _note_progress(self, now: float, facts: Facts) -> None:
-        """A swim is slow or fast as the plant likes, so what bounds it is silence, not its length."""
-        if PHASES[self._index].name in _SWIMMING_PHASES and facts.newest_velocity != self._newest_seen:
-            self._newest_seen = facts.newest_velocity
-            self._progress_at = now
+        """Note what carries the phase on: in a swim, which may be slow or fast, only time that the fish has swum.
+
+        Messages are none: stamps that creep, stand, run back or lie before the swim keep a tail beating for ever.
+        """
+        if self.window is not None and facts.newest_velocity is not None:
+            newest = min(facts.newest_velocity, self.window.end_ns)
+            self._reached = max(self._reached, (newest - self._swimming_since) / NANOSECONDS)
+        waits = facts.plant is not None and facts.plant.waits_for_people
+        people_are_done = self._waited_for_people and not waits
+        self._waited_for_people = waits
+        due = facts.least_pace * self._timeouts.silence
+        if people_are_done or (
+            PHASES[self._index].name in _SWIMMING_PHASES and self._reached - self._reached_before >= due
+        ):
+            self._mark_progress(now, facts)
+
+    def _mark_progress(self, now: float, facts: Facts) -> None:
+        self._progress_at, self._reached_before, self._velocities_before = now, self._reached, facts.velocities
+
+    def no_progress(self, facts: Facts) -> str:
+        """Return what is wrong with the velocities of a swim that does not go on."""
+        topic, came = self.topic("velocity"), facts.velocities - self._velocities_before
+        if not came or facts.newest_velocity is None:
+            return f"no message on topic {topic} after {self._reached:.2f} s of the swim"
+        behind = (self._swimming_since - facts.newest_velocity) / NANOSECONDS
+        if behind > 0.0:
+            return (
+                f"{came} messages came on topic {topic}, the last one stamped {_seconds(behind)} before the start of "
+                "the swim: its clock is not the plant's"
+            )
+        advanced = max(0.0, self._reached - self._reached_before)
+        return (
+            f"{came} messages came on topic {topic}, but their stamps advanced by only {_seconds(advanced)}: needed "
+            f"are {_seconds(facts.least_pace * self._timeouts.silence)}"
+        )
 
     def _limit(self, phase: Phase, facts: Facts) -> float:
         """Return the seconds that the phase may last without progress, 0 for no limit."""
@@ -522,7 +581,23 @@ def _velocity_after(trial: Trial, facts: Facts, end: int) -> bool:
 
 
 def _no_velocity(trial: Trial, facts: Facts) -> str:
-    return f"no message on topic {trial.topic('velocity')} after {trial.swum(facts):.2f} s of the swim"
+    return trial.no_progress(facts)
+
+
+def _seconds(time: float) -> str:
+    return f"{time:.3g} s" if time < _LONG else f"{time:.0f} s"
+
+
+def _at_rest(trial: Trial, facts: Facts) -> bool:
+    return _is(facts, State.READY) and facts.drift is not None and not trial.measurement.no_rest(facts.drift)
+
+
+def _no_rest(trial: Trial, facts: Facts) -> str:
+    if not _is(facts, State.READY):
+        return f"{_says(trial, facts)}, needed is READY"
+    if facts.drift is None:
+        return f"too few messages on topic {trial.topic('velocity')} tell whether the fish is at rest"
+    return f"{trial.measurement.no_rest(facts.drift)}: wait until the water is still, then bring it to its mark again"
 
 
 def _still_swimming(trial: Trial, facts: Facts) -> str:
@@ -537,6 +612,8 @@ def _nothing_to_record(_: Trial, facts: Facts) -> str:
 
 
 def _no_effect(trial: Trial, facts: Facts) -> str:
+    if _is(facts, State.SWIMMING):
+        return f"topic {trial.topic('gait_applied')} does not tell which gait the plant swims"
     deaf = f"; {facts.deaf_to_gait}" if facts.deaf_to_gait else ""
     return f"the gait on topic {trial.topic('gait')} had no effect: {_says(trial, facts)}{deaf}"
 
@@ -592,9 +669,16 @@ PHASES: tuple[Phase, ...] = (
         missing=_nothing_to_record,
     ),
     Phase(
+        "wait until the water is still",
+        action=None,
+        done=_at_rest,
+        patience="rest",
+        missing=_no_rest,
+    ),
+    Phase(
         "start the gait",
         action=Action.GAIT_ON,
-        done=lambda _, facts: _is(facts, State.SWIMMING),
+        done=lambda _, facts: _is(facts, State.SWIMMING) and facts.follows_a_gait,
         patience="silence",
         missing=_no_effect,
     ),
@@ -638,7 +722,7 @@ _AT_REST = 1
 """A fault counts after this phase: before, it is an earlier trial's, and the trial's first care is to clear it."""
 _FIN_IS_SET = 2
 """The plant that took the fin in this phase is the trial's from then on."""
-_GAIT_IS_ON = 7
+_GAIT_IS_ON = 8
 """Before this phase nothing has happened that could tell anything of the fin."""
 _AT_START = 5
 """From the end of this phase on the fin stays mounted until the trial is over."""
