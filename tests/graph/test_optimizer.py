@@ -363,10 +363,15 @@ def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, c
     assert {row["outcome"] for row in table(folder)} <= {"OK", "FAILED"}
 
 
-def test_control_without_an_optimiser_says_so(start: Start) -> None:
+def test_control_without_an_optimiser_says_what_it_sees(start: Start, folder: Path) -> None:
     control = start(*CONTROL, "stop", "--namespace", "/nowhere")
     assert control.wait() == 1
-    assert "error: no optimiser offers /nowhere/optimizer/stop: does a study run" in control.output()
+    said = "error: no optimiser found within 5 s: nobody offers service /nowhere/optimizer/stop; no other node is seen"
+    assert said in control.output()
+    start_optimizer(start, folder, "autostart:=false").wait_for_output("holding")
+    again = start(*CONTROL, "stop", "--namespace", "/nowhere")
+    assert again.wait() == 1
+    assert "offered is /fish/optimizer/stop: give --namespace /fish" in again.output()
 
 
 def test_a_disk_that_fills_up_ends_the_study_without_loss_and_more_room_lets_it_go_on(

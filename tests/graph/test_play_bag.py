@@ -130,6 +130,18 @@ def test_a_listener_that_was_there_before_hears_every_message_and_the_same_score
     assert f"played {sum(recorded.counts.values()) - 1} messages, 1.0 s\n" in player.output()
 
 
+def test_a_listener_that_asks_for_more_than_was_offered_is_named(
+    start: Start, swim: Path, listener: Callable[[str], Listener]
+) -> None:
+    node = listener("/elsewhere").node
+    node.create_subscription(topics.VELOCITY.type, "/fish/velocity", lambda _: None, topics.LATCHED)
+    player = start("fin_optimizer", "play_bag", str(swim), "--rate", "0")
+    assert player.wait() == 0
+    assert (
+        "; /listener listens to topic /fish/velocity and asks for transient local (it is volatile)" in player.output()
+    )
+
+
 def test_a_topic_that_somebody_publishes_already_is_played_only_elsewhere_or_by_name(
     start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
 ) -> None:

@@ -117,7 +117,8 @@ def test_what_is_on_the_graph_is_told_and_a_best_effort_tracker_is_heard(
     tracker.publish_on("somewhere", topics.POSE.qos)
     start("fin_servo_driver", "velocity_estimator")
     tracker.wait_for_status(
-        DiagnosticStatus.WARN, "nobody publishes /fish/pose; poses are on /fish/somewhere: remap one (pose:=/fish/some"
+        DiagnosticStatus.WARN,
+        "nobody publishes topic /fish/pose; published is /fish/somewhere by /fish/tracker: remap it (pose:=/fish/some",
     )
     tracker.publish_on(topics.POSE.name, QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
     tracker.wait_for_status(DiagnosticStatus.OK, "estimating")

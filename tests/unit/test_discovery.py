@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from fin_plant.discovery import End, Sight, around, nobody_hears, nothing_on, request
+from fin_plant.discovery import End, Sight, around, no_service, nobody_hears, nothing_on, request
 
 STATE = "diagnostic_msgs/msg/DiagnosticStatus"
 TWIST, POSE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/PoseStamped"
@@ -112,3 +112,16 @@ def test_a_gait_that_nobody_can_hear_is_told_from_one_that_somebody_hears() -> N
     assert "/fish/robot listens to topic /fish/gait as std_msgs/msg/Float32MultiArray, sent is" in said
     assert "/fish/mine listens to topic /fish/gait and asks for transient local (it is volatile)" in said
     assert nobody_hears("/fish/gait", gait, [wrong, replace(gait, node="/fish/simulator")]) == ""
+
+
+def test_silence_since_a_moment_is_not_told_as_silence_for_ever() -> None:
+    sight = Sight(publishers={"/fish/pose": [CAMERA]})
+    said = nothing_on("/fish/pose", End("", POSE, reliable=False), sight, since="within the last second")
+    assert said == "/camera publishes topic /fish/pose, but no message has come within the last second"
+
+
+def test_a_service_of_another_namespace_is_named_with_what_to_do() -> None:
+    sight = Sight(("/a/optimizer",), services=("/a/optimizer/start", "/a/optimizer/stop", "/other/start"))
+    said = no_service("/fish/optimizer/start", sight, advice="give --namespace {namespace}")
+    assert said == "nobody offers service /fish/optimizer/start; offered is /a/optimizer/start: give --namespace /a"
+    assert "no other node is seen at all" in no_service("/fish/optimizer/start", Sight())

@@ -100,6 +100,13 @@ def test_a_terminal_of_forty_columns_shows_what_to_do_and_every_key(given: Plant
     assert "~/estop" not in text
 
 
+def test_where_no_driver_speaks_it_is_shown_what_is_seen_instead_below_the_keys() -> None:
+    console = Console(width=60, record=True, file=io.StringIO())
+    console.print(operator.screen(None, {}, "", seen="nobody publishes topic /fish/plant_state"))
+    text = console.export_text()
+    assert text.index("EMERGENCY STOP") < text.index("nobody publishes topic /fish/plant_state")
+
+
 def test_a_driver_that_has_fallen_silent_is_not_shown_as_it_was() -> None:
     text = shown(state(State.READY), silence=7.0)
     assert "NO ANSWER" in text

@@ -14,6 +14,7 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer.graph import OPTIMIZER
 from fin_plant import node_process, topics
+from fin_plant.discovery import look_around, no_service
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _ask(node: Node, client: Client) -> int:
     if not client.wait_for_service(_PATIENCE):
-        sys.stderr.write(f"error: no optimiser offers {client.service_name}: does a study run in this namespace?\n")
+        seen = no_service(str(client.service_name), look_around(node), advice="give --namespace {namespace}")
+        sys.stderr.write(f"error: no optimiser found within {_PATIENCE:g} s: {seen}\n")
         return node_process.EXIT_FAILURE
     executor = SingleThreadedExecutor()
     executor.add_node(node)

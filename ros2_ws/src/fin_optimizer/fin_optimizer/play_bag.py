@@ -35,6 +35,7 @@ from fin_optimizer.bag_integrity import UNGUARDED
 from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.playback import Playback
 from fin_plant import node_process, topics
+from fin_plant.discovery import End, ends_of, nobody_hears, policies
 from fin_plant.messages import NANOSECONDS, time_message
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ _SLICE = 100
 _LARGEST_BACKLOG = topics.STREAM.depth // 2
 """Messages that may be on their way to the slowest listener, as the simulator has it."""
 _ACKNOWLEDGE_WAIT = Duration(seconds=0.1)
+_AT_ONCE = Duration(seconds=0.0)
 _FAREWELL = Duration(seconds=5.0)
 _CLOCK_PERIOD = 0.01
 _IDLE = 0.1
@@ -123,6 +125,7 @@ class Player:
         self._rate: float = given.rate
         self._loop: bool = given.loop
         self._playback = playback
+        self._types = {name: bag.topics[name] for name in names}
         self._start = round(given.start * NANOSECONDS)
         self._with_header = {name for name in names if is_known(bag.topics[name]) and has_header(bag.topics[name])}
         time.sleep(_DISCOVERY)
@@ -276,12 +279,27 @@ class Player:
         heard = [name for name, publisher in self._publishers.items() if publisher.get_subscription_count()]
         if self._acknowledged(_FAREWELL):
             self._code = node_process.EXIT_OK
-            nobody = "" if heard else "; nobody listened"
+            nobody = "" if heard else f"; {self._who_was_deaf()}"
             self._display.end(f"played {self._sent} messages, {self._position:.1f} s{nobody}")
         else:
             self._code = node_process.EXIT_FAILURE
             self._display.end("")
-            print("error: a listener did not take what was played", file=sys.stderr)  # noqa: T201
+            late = [name for name, publisher in self._publishers.items() if not publisher.wait_for_all_acked(_AT_ONCE)]
+            print(  # noqa: T201
+                f"error: what was played was not taken within {_FAREWELL.nanoseconds / NANOSECONDS:g} s by every "
+                f"listener of {', '.join(late) or 'its topics'}",
+                file=sys.stderr,
+            )
+
+    def _who_was_deaf(self) -> str:
+        """Return why nothing that was played was heard."""
+        deaf = []
+        for name, publisher in self._publishers.items():
+            full = self.node.resolve_topic_name(name)
+            offered = End("", self._types[name], *policies(publisher.qos_profile))
+            if ends := ends_of(self.node.get_subscriptions_info_by_topic(full)):
+                deaf.append(nobody_hears(full, offered, ends))
+        return "; ".join(filter(None, deaf)) or "nobody listened"
 
     def finished(self) -> int | None:
         """Return 0 once everything is played and was taken by who listens, 1 if it was not taken."""

@@ -58,15 +58,19 @@ class Sight:
     Attributes:
         nodes: Full names of the other nodes, without hidden ones.
         publishers: Ends of the other nodes that publish a topic, by the topic's full name.
+        services: Full names of the services that somebody offers.
         environment: Variables of this process.
     """
 
     nodes: Sequence[str] = ()
     publishers: Mapping[str, Sequence[End]] = field(default_factory=dict)
+    services: Sequence[str] = ()
     environment: Mapping[str, str] = field(default_factory=dict)
 
 
-def nothing_on(name: str, wanted: End, sight: Sight, *, advice: str = "", of_any_name: bool = False) -> str:
+def nothing_on(
+    name: str, wanted: End, sight: Sight, *, advice: str = "", of_any_name: bool = False, since: str = ""
+) -> str:
     """Return what is seen of a topic on which nothing comes.
 
     Args:
@@ -75,9 +79,10 @@ def nothing_on(name: str, wanted: End, sight: Sight, *, advice: str = "", of_any
         sight: What is seen.
         advice: What to do where the topic is elsewhere, with ``{topic}`` and ``{namespace}`` for where that is.
         of_any_name: A topic of the same type can take its place whatever its name.
+        since: For how long nothing has come, if something came before: "within the last second".
     """
     if ends := sight.publishers.get(name, ()):
-        return "; ".join(dict.fromkeys(_unheard(end, name, wanted) for end in ends))
+        return "; ".join(dict.fromkeys(_unheard(end, name, wanted, since) for end in ends))
     said = f"nobody publishes topic {name}"
     if there := _elsewhere(name, wanted.type_name, sight, of_any_name=of_any_name):
         topic = there[0]
@@ -85,6 +90,16 @@ def nothing_on(name: str, wanted: End, sight: Sight, *, advice: str = "", of_any
         do = advice.format(topic=topic, namespace=topic.rpartition("/")[0] or "/")
         return f"{said}; published is {found}" + (f": {do}" if do else "")
     return f"{said}; {around(sight)}"
+
+
+def no_service(name: str, sight: Sight, *, advice: str = "") -> str:
+    """Return what is seen of a service that is not there; ``advice`` has a ``{namespace}`` for where it is instead."""
+    tail = "/".join(name.split("/")[-2:])
+    there = sorted(each for each in sight.services if each.endswith(f"/{tail}") and each != name)
+    if not there:
+        return f"nobody offers service {name}; {around(sight)}"
+    namespace = there[0].removesuffix(f"/{tail}") or "/"
+    return f"nobody offers service {name}; offered is {', '.join(there[:_NAMED])}: {advice.format(namespace=namespace)}"
 
 
 def nobody_hears(name: str, offered: End, listeners: Sequence[End]) -> str:
@@ -122,12 +137,12 @@ def request(ends: Iterable[End], usual: End) -> tuple[bool, bool]:
     return all(end.reliable for end in heard), all(end.latched for end in heard)
 
 
-def _unheard(end: End, name: str, wanted: End) -> str:
+def _unheard(end: End, name: str, wanted: End, since: str) -> str:
     if end.type_name != wanted.type_name:
         return f"{end.shown} publishes topic {name} as {end.type_name}, needed is {wanted.type_name}"
     if lacks := _lacks(end, wanted):
         return f"{end.shown} publishes topic {name}, but not {lacks}, which is needed"
-    return f"{end.shown} publishes topic {name}, but no message has come"
+    return f"{end.shown} publishes topic {name}, but no message has come{' ' if since else ''}{since}"
 
 
 def _lacks(offered: End, asked: End) -> str:
@@ -161,14 +176,14 @@ def _reach(environment: Mapping[str, str]) -> tuple[list[str], list[str]]:
     return said, ["on this computer only"] if local else []
 
 
-def wanted(topic: Topic[Any]) -> End:
-    """Return what a listener to a topic asks for that takes what the topic's publishers promise."""
-    return End("", topic.type_name, *_policies(topic.qos))
+def wanted(topic: Topic[Any], qos: QoSProfile | None = None) -> End:
+    """Return what is asked for by a listener to a topic, with this quality of service or what publishers promise."""
+    return End("", topic.type_name, *policies(qos or topic.qos))
 
 
 def ends_of(infos: Iterable[TopicEndpointInfo]) -> list[End]:
     """Return what rmw tells of the ends of a topic."""
-    return [End(_full_name(info), str(info.topic_type), *_policies(info.qos_profile)) for info in infos]
+    return [End(_full_name(info), str(info.topic_type), *policies(info.qos_profile)) for info in infos]
 
 
 def look_around(node: Node) -> Sight:
@@ -177,12 +192,14 @@ def look_around(node: Node) -> Sight:
     nodes = [f"{space.rstrip('/')}/{name}" for name, space in node.get_node_names_and_namespaces() if name[:1] != "_"]
     topics = {name: ends_of(node.get_publishers_info_by_topic(name)) for name, _ in node.get_topic_names_and_types()}
     others = {name: [end for end in ends if end.node != own] for name, ends in topics.items()}
-    return Sight(sorted({name for name in nodes if name != own}), others, dict(os.environ))
+    services = [name for name, _ in node.get_service_names_and_types()]
+    return Sight(sorted({name for name in nodes if name != own}), others, services, dict(os.environ))
 
 
 def _full_name(info: TopicEndpointInfo) -> str:
     return "" if info.node_name == NAME_TO_COME else f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 
-def _policies(qos: QoSProfile) -> tuple[bool, bool]:
+def policies(qos: QoSProfile) -> tuple[bool, bool]:
+    """Return whether a quality of service is reliable, and whether it is latched."""
     return qos.reliability.name == "RELIABLE", qos.durability.name == "TRANSIENT_LOCAL"

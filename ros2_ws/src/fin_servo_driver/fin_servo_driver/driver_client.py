@@ -17,6 +17,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from fin_plant import topics
+from fin_plant.discovery import look_around, nothing_on, wanted
 from fin_plant.messages import plant_state_from_message
 
 if TYPE_CHECKING:
@@ -106,6 +107,12 @@ class DriverClient:
         """Return for how many s the driver, which speaks once a second, has said nothing; 0 before its first word."""
         return 0.0 if self._heard is None else time.monotonic() - self._heard
 
+    def seen(self) -> str:
+        """Return what is seen instead of the driver's word."""
+        state = topics.PLANT_STATE
+        name = self.node.resolve_topic_name(state.name)
+        return nothing_on(name, wanted(state), look_around(self.node), advice="give --namespace {namespace}")
+
     def spin(self, seconds: float) -> None:
         """Listen for so long, and see to what was asked."""
         end = time.monotonic() + seconds
@@ -123,7 +130,7 @@ class DriverClient:
         client, message = self._triggers.get(action), Trigger.Request()
         if client is None:
             client, message = self._change_state, ChangeState.Request(transition=Transition(id=TRANSITIONS[action]))
-        lost = f"{action}: no answer from {self._name}: is it running?"
+        lost = f"{action}: no answer from {self._name} within {_ANSWER_SECONDS:g} s"
         asked = self.state if action in SERVICES else None
         self._send(_Request(action, client, message, time.monotonic() + _ANSWER_SECONDS, lost, asked))
 

@@ -81,7 +81,9 @@ def next_step(state: PlantState | None) -> tuple[str, str]:
     return _WAITING.get(state.details.get("waiting_for", ""), ("Nothing to do. The space bar stops the robot.", ""))
 
 
-def screen(state: PlantState | None, device: dict[str, str], answer: str, silence: float = 0.0) -> RenderableType:
+def screen(
+    state: PlantState | None, device: dict[str, str], answer: str, silence: float = 0.0, seen: str = ""
+) -> RenderableType:
     """Return what is shown, the most important first: a small terminal shows no more than its top.
 
     Args:
@@ -89,6 +91,7 @@ def screen(state: PlantState | None, device: dict[str, str], answer: str, silenc
         device: Values of its device's diagnostics.
         answer: To what was asked last.
         silence: s since the driver's last word.
+        seen: What is seen instead of a driver that has not said anything yet.
     """
     if silence > _SILENT:
         lost = f"Nothing from the driver for {silence:.0f} s. The robot may still move: use the switch of its servos."
@@ -105,7 +108,7 @@ def screen(state: PlantState | None, device: dict[str, str], answer: str, silenc
     for name in _SHOWN:
         if device.get(name, "") not in {"", "not reported"}:
             table.add_row(name, device[name])
-    return _panel(parts, table)
+    return _panel(parts, table, Text(seen if state is None else ""))
 
 
 def _advice_says_all(state: PlantState) -> bool:
@@ -219,11 +222,14 @@ class Keyboard:
 def run(client: DriverClient, signals: Sequence[int]) -> int:
     """Show and ask until q is pressed, the terminal is gone or a signal has come; return the exit code."""
     keyboard = Keyboard(client)
+    look_due, seen = time.monotonic() + _CALM, ""
     with keys() as typed, Live(auto_refresh=False, screen=True) as live:
         while not signals:
             client.spin(_LOOK)
-            live.update(screen(client.state, client.device, client.answer, client.silence()), refresh=True)
             now = time.monotonic()
+            if client.state is None and now >= look_due:
+                look_due, seen = now + _CALM, client.seen()
+            live.update(screen(client.state, client.device, client.answer, client.silence(), seen), refresh=True)
             keyboard.look(now)
             text = typed()
             if text is None or (text and keyboard.typed(text, now)):

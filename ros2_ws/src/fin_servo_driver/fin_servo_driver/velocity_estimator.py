@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import time
 from dataclasses import fields
@@ -13,6 +12,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from fin_plant import node_process, topics
+from fin_plant.discovery import ends_of, look_around, nothing_on, wanted
 from fin_plant.messages import key_values, nanoseconds_of, plant_state_from_message, time_message
 from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.parameters import load_table
@@ -23,9 +23,6 @@ from fin_servo_driver.velocity_estimate import Settings, VelocityEstimator
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from rclpy.node import Node
-    from rclpy.topic_endpoint_info import TopicEndpointInfo
-
     from fin_plant.parameters import Value
     from fin_servo_driver.velocity_estimate import Velocity
 
@@ -35,7 +32,6 @@ _ANY_TRACKER = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=topics.POSE.qos.depth
 )
 """Matches every tracker; a reliable subscription hears nothing of one that offers best effort, as many do."""
-_POSE_TYPE = topics.POSE.type_name
 
 
 def settings_of(values: Mapping[str, Value]) -> Settings:
@@ -154,48 +150,26 @@ class VelocityEstimatorNode:
 
     def _publishers(self) -> list[str]:
         topic = self.node.resolve_topic_name(topics.POSE.name)
-        return [f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in _ends(self.node, topic)]
+        ends = ends_of(self.node.get_publishers_info_by_topic(topic))
+        return [end.shown for end in ends if end.type_name == topics.POSE.type_name]
 
     def _no_pose(self) -> str:
-        topic = self.node.resolve_topic_name(topics.POSE.name)
-        there = {name: types for name, types in self.node.get_topic_names_and_types() if _ends(self.node, name)}
-        return no_pose(topic, self._trackers, there, os.environ)
-
-
-def _ends(node: Node, topic: str) -> list[TopicEndpointInfo]:
-    return list(node.get_publishers_info_by_topic(topic))
+        return nothing_on(
+            self.node.resolve_topic_name(topics.POSE.name),
+            wanted(topics.POSE, _ANY_TRACKER),
+            look_around(self.node),
+            advice="remap it (pose:={topic})",
+            of_any_name=True,
+            since="within the last second",
+        )
 
 
 def several_trackers(names: Sequence[str]) -> Refusal:
     """Return why poses are refused that several nodes publish: which of them saw the fish nobody can tell."""
-    return Refusal("several trackers", f"{len(names)} publishers share the topic ({', '.join(names)}): leave only one")
-
-
-def no_pose(
-    topic: str, publishers: Sequence[str], there: Mapping[str, Sequence[str]], environment: Mapping[str, str]
-) -> str:
-    """Return what is known of a topic on which no pose came.
-
-    Args:
-        topic: Its full name.
-        publishers: Full names of the nodes that publish it.
-        there: Types of all topics that somebody publishes, by name.
-        environment: Of this process.
-    """
-    wrong = [each for each in there.get(topic, ()) if each != _POSE_TYPE]
-    if wrong:
-        return f"{topic} is published as {', '.join(wrong)}, needed is {_POSE_TYPE}"
-    if publishers:
-        return f"no pose within the last second on {topic}, which {', '.join(publishers)} publishes"
-    others = sorted(name for name, types in there.items() if _POSE_TYPE in types)
-    if others:
-        return f"nobody publishes {topic}; poses are on {', '.join(others)}: remap one (pose:={others[0]})"
-    domain = environment.get("ROS_DOMAIN_ID") or "0"
-    reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
-    return (
-        f"nobody publishes {topic}, nor a pose elsewhere. Heard are nodes with ROS_DOMAIN_ID={domain} and "
-        f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach}{' (this computer only)' if reach == 'LOCALHOST' else ''}: a tracker "
-        "needs the same domain, and one on another computer SUBNET on both"
+    return Refusal(
+        "several trackers",
+        f"{len(names)} publishers share the topic ({', '.join(names)}): leave only one; one that was killed is seen "
+        "for some seconds more",
     )
 
 
