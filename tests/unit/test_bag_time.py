@@ -29,6 +29,23 @@ def test_a_stamp_is_believed_and_a_message_without_a_header_is_logged_at_the_new
     assert (time.of("state", None), time.newest, time.unusable) == (START, START, {})
 
 
+@pytest.mark.parametrize(
+    ("stamp", "told"),
+    [
+        (0, "zero, it was never set"),
+        (-SECOND, "-1 s, before 1970"),
+        (5 * SECOND, "5 s, decades from the plant's time: does its clock count from 1970?"),
+        (START - HOUR, "3600 s before the plant's time: do the two clocks agree?"),
+        (START + HOUR, "3600 s after the plant's time: do the two clocks agree?"),
+    ],
+)
+def test_what_a_stamp_is_that_is_not_believed_is_told_of_the_first(stamp: int, told: str) -> None:
+    time = LogTime(START)
+    for each in (stamp, START - 2 * HOUR):
+        time.of("pose", each)
+    assert time.first_unusable == {"pose": told}
+
+
 @pytest.mark.parametrize("stamp", [0, -SECOND, 5 * SECOND, START - HOUR, START + HOUR, START + FAR + SECOND])
 def test_a_stamp_that_cannot_be_believed_is_counted_and_drags_nothing_behind_it(stamp: int) -> None:
     time = LogTime()

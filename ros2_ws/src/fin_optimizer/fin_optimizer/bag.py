@@ -107,6 +107,7 @@ class BagSummary:
         start_ns: Log time of the earliest message in ns since the epoch, 0 in an empty bag.
         duration_ns: Time in ns from the earliest to the latest message.
         unusable_stamps: Number of messages by topic that have a header, but no stamp that can be believed.
+        first_unusable: What the first such stamp of a topic is.
     """
 
     path: Path
@@ -114,6 +115,7 @@ class BagSummary:
     start_ns: int
     duration_ns: int
     unusable_stamps: Mapping[str, int]
+    first_unusable: Mapping[str, str]
 
     @property
     def message_count(self) -> int:
@@ -395,7 +397,10 @@ class BagWriter:
         # Without any stamp the bag's own moment is the best that is known.
         self._write_held(time.time_ns() if self._time.newest is None else self._time.newest)
         start = self._latest if self._earliest is None else self._earliest
-        summary = BagSummary(self.path, dict(self._counts), start, self._latest - start, dict(self._time.unusable))
+        duration, stamps = self._latest - start, self._time
+        summary = BagSummary(
+            self.path, dict(self._counts), start, duration, dict(stamps.unusable), dict(stamps.first_unusable)
+        )
         information = self._information(summary)
         if summary.unusable_stamps:
             unusable = {topic: str(count) for topic, count in summary.unusable_stamps.items()}

@@ -6,6 +6,7 @@ from fin_optimizer.score import NANOSECONDS
 
 FAR = 10 * NANOSECONDS
 """ns. Further from its topic's last stamp and from the newest of all, a stamp is of another clock, or of none."""
+_YEAR = 365 * 86400 * NANOSECONDS
 _AGREEING = 3
 """Far stamps near each other that every topic must bring until time itself has jumped: one alone is an error."""
 
@@ -20,12 +21,14 @@ class LogTime:
     Attributes:
         newest: Latest stamp in ns that was believed; None before the first.
         unusable: Number of messages by topic whose stamp was not believed.
+        first_unusable: What the first such stamp of a topic is.
     """
 
     def __init__(self, newest: int | None = None) -> None:
         """Begin at the time in ns that the plant is known to have, if it is known."""
         self.newest = newest
         self.unusable: dict[str, int] = {}
+        self.first_unusable: dict[str, str] = {}
         self._last: dict[str, int] = {}
         self._far: dict[str, tuple[int, int]] = {}
 
@@ -44,6 +47,7 @@ class LogTime:
             self._far.clear()
             return stamp
         self.unusable[topic] = self.unusable.get(topic, 0) + 1
+        self.first_unusable.setdefault(topic, _told(stamp, self.newest))
         return self.newest
 
     def _is_near(self, topic: str, stamp: int) -> bool:
@@ -61,3 +65,14 @@ class LogTime:
         self.newest = None
         self._last.clear()
         return True
+
+
+def _told(stamp: int, newest: int | None) -> str:
+    """Return what a stamp in ns is that is not believed, against the newest one that was."""
+    if stamp <= 0 or newest is None:
+        return "zero, it was never set" if stamp == 0 else f"{stamp / NANOSECONDS:g} s, before 1970"
+    apart = abs(stamp - newest)
+    where = "before" if stamp < newest else "after"
+    if apart > _YEAR:
+        return f"{stamp / NANOSECONDS:.0f} s, decades from the plant's time: does its clock count from 1970?"
+    return f"{apart / NANOSECONDS:.0f} s {where} the plant's time: do the two clocks agree?"

@@ -292,12 +292,14 @@ class Lane:
             self._recorder.open(self._folder / self.record.bag, self._recorded, self._plan.measurement)
 
     def _close_bag(self) -> None:
-        for topic, count in self._recorder.close().unusable_stamps.items():
+        summary = self._recorder.close()
+        for topic, count in summary.unusable_stamps.items():
             if topic not in self.unusable_stamps:
+                said = "message of {topic} has a stamp" if count == 1 else "messages of {topic} have a stamp"
                 self.notes.append(
-                    f"warning: {count} messages of {topic} have a stamp of zero, or far from the plant's time; the bag "
-                    "has them at the newest time known. Is the clock of their sender set? More of them are counted in "
-                    "/diagnostics"
+                    f"warning: {count} {said.format(topic=topic)} that cannot be believed, the first is "
+                    f"{summary.first_unusable[topic]}. The bag has them at the newest time known; more of them are "
+                    "counted in /diagnostics"
                 )
             self.unusable_stamps[topic] = self.unusable_stamps.get(topic, 0) + count
 
