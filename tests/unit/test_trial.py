@@ -208,6 +208,18 @@ def test_a_plant_that_says_nothing_is_told_from_one_that_lacks_services() -> Non
     assert "service /fish/mine/request_reset missing; nobody publishes topic /fish/plant_state" in rehearsal.failure
 
 
+def test_a_plant_that_stops_without_a_reason_is_told_from_one_that_gives_one() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("measure")
+    rehearsal.say(State.READY, 20 * SECOND, fin=SHOWN)
+    rehearsal.update()
+    assert "without a reason: did the gait on /fish/gait reach it?" in rehearsal.failure
+
+
+def test_the_phases_that_may_want_velocity_are_phases() -> None:
+    assert set(trial_module.PHASES_OF_VELOCITY) < {phase.name for phase in PHASES}
+
+
 def test_every_phase_that_waits_for_the_plant_is_in_the_list_above() -> None:
     at_once = {"close the bag", "score"}
     assert [phase.name for phase in PHASES if phase.name not in at_once] == [phase for phase, _, _ in SILENT_PLANT]
@@ -397,7 +409,7 @@ def test_a_swim_counts_only_once_the_plant_has_said_which_gait_it_swims() -> Non
     rehearsal.update(4.9)
     assert rehearsal.trial.phase == "start the gait"
     rehearsal.update(0.2)
-    assert "topic /fish/gait_applied does not tell which gait the plant swims" in rehearsal.failure
+    assert "it is not told which gait the plant swims: nobody publishes topic /fish/gait_applied" in rehearsal.failure
     assert rehearsal.actions[-2:] == [Action.GAIT_OFF, Action.CLOSE_BAG]
 
 

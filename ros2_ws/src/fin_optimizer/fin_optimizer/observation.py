@@ -39,6 +39,8 @@ _ALWAYS_RECORDED = (
 _RECORDED_IF_THERE = (topics.POSE, topics.THRUST)
 _ALWAYS_STREAMED = (topics.JOINT_STATES, topics.VELOCITY)
 _STREAMS = (*_ALWAYS_STREAMED, *_RECORDED_IF_THERE)
+_AS_PROMISED = (topics.PLANT_STATE.name, topics.GAIT_APPLIED.name)
+"""Topics of which who comes later must get the last message."""
 _BY_NAME = {topic.name: wanted(topic) for topic in topics.RECORDED_TOPICS}
 _SLOWEST_SIMULATION = 0.01
 _SLOWEST_ROBOT = 0.5
@@ -84,8 +86,10 @@ class Observation:
         name = topic.rpartition("/")[2]
         if name == topics.PLANT_STATE.name and self._client.unreadable:
             return f"what was said on topic {topic} is no plant's state: {self._client.unreadable}"
+        if name == topics.GAIT_APPLIED.name and self._client.applied is not None:
+            return f"the last message on topic {topic} is of a tail at rest"
         asked = _BY_NAME[name]
-        if name != topics.PLANT_STATE.name:  # the recorder hears whatever is offered
+        if name not in _AS_PROMISED:  # the recorder hears whatever is offered
             asked = replace(asked, reliable=False, latched=False)
         return silence(topic, asked, look_around(self._node))
 

@@ -429,10 +429,10 @@ class Trial:
             or facts.plant.state is State.SWIMMING
         ):
             return None
+        why = _because(facts.plant) or f", without a reason: did the gait on {self.topic('gait')} reach it?"
         reason = (
             f"{self.phase}: the plant went to {facts.plant.state} {self.swum:.2f} s into a swim of "
-            f"{self.measurement.settle + self.measurement.duration:g} s{_because(facts.plant)}: did the gait on "
-            f"{self.topic('gait')} reach it often enough?"
+            f"{self.measurement.settle + self.measurement.duration:g} s{why}"
         )
         return Result(Outcome.FAILED, reason)
 
@@ -613,7 +613,7 @@ def _nothing_to_record(_: Trial, facts: Facts) -> str:
 
 def _no_effect(trial: Trial, facts: Facts) -> str:
     if _is(facts, State.SWIMMING):
-        return f"topic {trial.topic('gait_applied')} does not tell which gait the plant swims"
+        return f"it is not told which gait the plant swims: {facts.nothing_on(trial.topic('gait_applied'))}"
     deaf = f"; {facts.deaf_to_gait}" if facts.deaf_to_gait else ""
     return f"the gait on topic {trial.topic('gait')} had no effect: {_says(trial, facts)}{deaf}"
 
@@ -727,5 +727,5 @@ _GAIT_IS_ON = 8
 _AT_START = 5
 """From the end of this phase on the fin stays mounted until the trial is over."""
 _SWIMMING_PHASES = ("settle", "measure")
-PHASES_OF_VELOCITY = ("open the bag", *_SWIMMING_PHASES, "stop the gait", "score")
+PHASES_OF_VELOCITY = ("open the bag", "wait until the water is still", *_SWIMMING_PHASES, "stop the gait", "score")
 """In these a trial may fail for want of velocity."""
