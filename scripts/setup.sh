@@ -134,6 +134,7 @@ prepare_packages() {
 # needs one is in this list.
 built_from() {
     echo "$root" "$(<"$venv/.installed")"
+    declare -f build start_quietly
     find ros2_ws/src -maxdepth 2 \( -name package.xml -o -name setup.py -o -name setup.cfg \) | sort | xargs cat
     find ros2_ws/src -mindepth 2 \( -path '*/config/*' -o -path '*/launch/*' -o -path '*/resource/*' \) -type f | sort
     find ros2_ws/src -mindepth 2 -maxdepth 2 -type d | sort
@@ -157,6 +158,18 @@ build() {
     # What an earlier build installed and this one did not.
     find install -mindepth 4 -maxdepth 4 -path 'install/*/lib/*' -type f -executable ! -newer "$marker" -delete
     find install -xtype l -delete
+    start_quietly
+}
+
+# Makes fin_plant/start.py what starts the executables, with SIGINT held back until it listens. `env -S` also reads
+# the quotes that a path with spaces has.
+start_quietly() {
+    local held=
+    if env --block-signal=INT true 2>/dev/null; then
+        held=" --block-signal=INT"
+    fi
+    find install -mindepth 4 -maxdepth 4 -path 'install/*/lib/*' -type f -executable -exec \
+        sed -i "1{/ fin_plant.start$/! s|^#!\(.*\)|#!/usr/bin/env -S$held \1 -P -m fin_plant.start|}" {} +
 }
 
 prepare_workspace() {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections import defaultdict
 from typing import TYPE_CHECKING, Any, Self
@@ -13,7 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import Trigger
 
-from fin_plant import node_process, topics
+from fin_plant import ros_environment, topics
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
 from fin_plant.plant_state import PlantState, State
 
@@ -39,7 +38,7 @@ class PlantClient:
     """Everything a test asks of a plant, on a ROS domain of its own; a context manager."""
 
     def __init__(self, domain: int, plant: str = "simulator", namespace: str = topics.NAMESPACE) -> None:
-        os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(node_process.FAST_DDS_PROFILE))
+        ros_environment.prepare()
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node("plant_client", namespace=namespace, context=self._context)

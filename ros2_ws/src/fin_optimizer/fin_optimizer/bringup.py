@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer import graph
+from fin_plant import ros_environment
 from fin_plant.output import outlast_the_reader
 
 if TYPE_CHECKING:
@@ -281,6 +282,7 @@ def main() -> int:
     if {"-h", "--help"} & set(words):
         sys.stdout.write(usage() + "\n")
         return 0
+    ros_environment.prepare()
     try:
         nodes = graph.nodes(parse(words))
         graph.check_robot_files(nodes)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -35,10 +34,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("word", choices=WORDS)
     parser.add_argument("--namespace", default=topics.NAMESPACE, help="of the optimiser (default: %(default)s)")
     given = parser.parse_args(arguments)
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(node_process.FAST_DDS_PROFILE))
-    rclpy.init()
     try:
-        node = Node(f"{OPTIMIZER}_control", namespace=given.namespace)
+        with node_process.starting_ros():
+            node = Node(f"{OPTIMIZER}_control", namespace=given.namespace)
         return _ask(node, node.create_client(Trigger, f"{OPTIMIZER}/{given.word}"))
     except KeyboardInterrupt:
         return 130

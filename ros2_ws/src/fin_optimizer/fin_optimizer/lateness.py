@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.signals import SignalHandlerOptions
 
 from fin_optimizer.bringup import find_executable
 from fin_plant import node_process, topics
@@ -212,8 +211,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         + _row(_COLUMNS)
         + _row(["---"] * len(_COLUMNS))
     )
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(node_process.FAST_DDS_PROFILE))
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    with node_process.starting_ros():
+        pass
     try:
         for device in devices:
             sys.stdout.write(measure(device, options.seconds).row())

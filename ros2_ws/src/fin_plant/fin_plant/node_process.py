@@ -13,21 +13,20 @@ from typing import TYPE_CHECKING, Protocol, runtime_checkable
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from threadpoolctl import threadpool_limits
 
+from fin_plant import ros_environment
 from fin_plant.output import outlast_the_reader
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from types import FrameType
 
     from rclpy.node import Node
 
-# Discovery within 0.2 s, and acknowledgements within milliseconds: with Fast DDS's own settings a reader acknowledges
-# every three seconds, and a plant that waits for its listeners would stand still.
-FAST_DDS_PROFILE = Path(__file__).with_name("fast_dds_profile.xml")
 EXIT_OK = 0
 END_BY_SIGNAL_IS_SUCCESS = "FIN_END_BY_SIGNAL_IS_SUCCESS"
 """Environment variable; where it is set a node that was ended by a signal ends with exit code 0, for `ros2 launch`."""
@@ -92,6 +91,27 @@ def _refuse_words(program: str, *words: str) -> int | None:
     return EXIT_OK if asked else EXIT_USAGE
 
 
+@contextlib.contextmanager
+def starting_ros(args: list[str] | None = None) -> Iterator[None]:
+    """Start ROS 2, without its handlers of signals; what it refuses while the first node is made is one line.
+
+    Raises:
+        SystemExit: It refuses; exit code 2.
+    """
+    ros_environment.prepare()
+    with _one_line_for_what_ros_refuses():
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        yield
+
+
+@contextlib.contextmanager
+def _one_line_for_what_ros_refuses() -> Iterator[None]:
+    try:
+        yield
+    except rclpy_implementation.RCLError as error:
+        ros_environment.refuse(f"ROS 2 does not start: {error}; check its arguments and the ROS_ variables")
+
+
 def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
     """Run a node until it has finished or a signal asks it to stop.
 
@@ -106,18 +126,20 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
         stderr).
     """
     outlast_the_reader()
-    if args is None and (asked := _refuse_words(*remove_ros_args(sys.argv))) is not None:
-        return asked
+    if args is None:
+        with _one_line_for_what_ros_refuses():
+            words = remove_ros_args(sys.argv)
+        if (asked := _refuse_words(*words)) is not None:
+            return asked
     # The matrices here are small. A helper thread of the linear algebra would gain nothing, and after each call it
     # spins for tens of milliseconds on a core that another node needs.
     threadpool_limits(1, user_api="blas")
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(FAST_DDS_PROFILE))
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     stop = _Stop()
     with contextlib.ExitStack() as last:
         last.callback(rclpy.try_shutdown)
         try:
-            runnable = make()
+            with starting_ros(args):
+                runnable = make()
         except ValueError as error:
             print(f"error: {error}", file=sys.stderr)  # noqa: T201
             return EXIT_USAGE

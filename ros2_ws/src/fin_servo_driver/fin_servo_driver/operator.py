@@ -18,8 +18,6 @@ import tty
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import rclpy
-from rclpy.signals import SignalHandlerOptions
 from rich.columns import Columns
 from rich.console import Group
 from rich.live import Live
@@ -245,13 +243,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not sys.stdin.isatty():
         print("error: operator reads keys: run it in a terminal", file=sys.stderr)  # noqa: T201
         return node_process.EXIT_USAGE
-    os.environ.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(node_process.FAST_DDS_PROFILE))
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     # Noted only: an exception out of a signal's handler is lost where it meets one of rclpy's callbacks.
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda came, _frame: signals.append(came))
-    client = DriverClient(namespace=given.namespace)
+    with node_process.starting_ros():
+        client = DriverClient(namespace=given.namespace)
     try:
         return run(client, signals)
     finally:

@@ -1,0 +1,91 @@
+"""What starts every executable: from its first moment to its last, Ctrl-C ends it quietly with exit code 130.
+
+The set-up makes this the interpreter of the installed executables, by their first line:
+
+    #!/usr/bin/env -S --block-signal=INT PYTHON -P -m fin_plant.start
+
+SIGINT is held back (blocked) until this module listens: Python itself answers one with a traceback while it starts.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import warnings
+from importlib.abc import MetaPathFinder
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from types import FrameType, ModuleType
+
+INTERRUPTED = 128 + signal.SIGINT
+
+
+def _end(_number: int, _frame: FrameType | None) -> None:
+    os._exit(INTERRUPTED)
+
+
+def _let_go(unraisable: sys.UnraisableHookArgs) -> None:
+    """End where an interrupt would be lost: in a callback of a library, or in what tidies an object up."""
+    if unraisable.exc_type is KeyboardInterrupt:
+        os._exit(INTERRUPTED)
+    sys.__unraisablehook__(unraisable)
+
+
+def _listen() -> None:
+    """End quietly on SIGINT from here on, though the shell has it ignored, as that of a background job."""
+    signal.signal(signal.SIGINT, _end)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    sys.unraisablehook = _let_go
+
+
+def _print_warnings_only() -> None:
+    """Let no warning of a library be an error, which PYTHONWARNINGS=error is meant to do to the user's own programs."""
+    os.environ.pop("PYTHONWARNINGS", None)
+    filters = [("default" if action == "error" else action, *rest) for action, *rest in warnings.filters]
+    warnings.filters[:] = filters  # type: ignore[index]  # a list, in spite of its type
+
+
+class _BeforeRos(MetaPathFinder):
+    """Looks at the environment before ROS 2 is loaded, which for some settings ends the process at once."""
+
+    def find_spec(self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None) -> None:
+        if fullname == "rclpy":
+            from fin_plant import ros_environment  # noqa: PLC0415
+
+            sys.meta_path.remove(self)
+            ros_environment.prepare()
+
+
+def start(path: str) -> object:
+    """Run the executable PREFIX/lib/PACKAGE/NAME and return its exit code.
+
+    While it runs a SIGINT is a KeyboardInterrupt, or what it makes of it: it may have files to close.
+
+    Raises:
+        SystemExit: It ended so.
+    """
+    from importlib.metadata import distribution  # noqa: PLC0415  (nothing slow before _listen)
+    from pathlib import Path  # noqa: PLC0415
+
+    package, name = Path(path).parts[-2:]
+    main = distribution(package).entry_points.select(group="console_scripts", name=name)[name].load()
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        code: object = main()
+    finally:
+        signal.signal(signal.SIGINT, _end)
+    return code
+
+
+if __name__ == "__main__":
+    _listen()
+    try:
+        _print_warnings_only()
+        sys.meta_path.insert(0, _BeforeRos())
+        del sys.argv[0]
+        sys.exit(start(sys.argv[0]))  # type: ignore[arg-type]  # what a main function returns
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
