@@ -19,17 +19,19 @@ from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
 from fin_optimizer.bag_reader import read_bag
+from fin_optimizer.plant_client import PlantClient as OptimizersClient
 from fin_optimizer.score_bag import score_bag
 from fin_optimizer.study import read_trials
 from fin_optimizer.trial import Outcome
 from fin_plant import topics
+from fin_plant.gait import PAPER_GAIT, Gait
 from fin_plant.messages import plant_state_message
 from fin_plant.plant_state import PlantState, State
 from support.plant_client import PlantClient
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from support.disk import Disk
     from support.processes import StartedProcess
@@ -112,6 +114,36 @@ class StubPlant:
 def client(ros_domain: int) -> Iterator[PlantClient]:
     with PlantClient(ros_domain) as plant_client:
         yield plant_client
+
+
+@pytest.mark.parametrize("says", [(State.READY,), (State.FAULT,), ()], ids=["rest", "fault", "nothing more"])
+def test_who_leaves_a_swimming_plant_waits_until_it_is_at_rest_or_gone(ros_domain: int, says: Sequence[State]) -> None:
+    context, heard = rclpy.Context(), []  # type: ignore[var-annotated]
+    rclpy.init(context=context, domain_id=ros_domain)
+    optimizer, plant = (
+        rclpy.create_node(name, namespace=topics.NAMESPACE, context=context) for name in ("optimizer", "plant")
+    )
+    plant.create_subscription(topics.GAIT.type, topics.GAIT.name, heard.append, topics.GAIT.qos)
+    states = plant.create_publisher(topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos)
+    subject = OptimizersClient(optimizer, topics.NAMESPACE)
+    wait_until(subject.publishers, 20, "the plant")
+    subject.send(PAPER_GAIT)
+    states.publish(plant_state_message(PlantState(State.SWIMMING, "stub", 1)))
+    subject.send(Gait.from_rows([[0.0, 0.9, 0.0, 0.0]]))
+    subject._listen_while(lambda: not subject.swims, 60.0)
+    leaving = threading.Thread(target=subject.farewell)
+    leaving.start()
+    leaving.join(0.3)
+    assert leaving.is_alive()
+    for state in says:
+        states.publish(plant_state_message(PlantState(state, "stub", 2)))
+    if not says:
+        plant.destroy_publisher(states)
+    leaving.join()
+    assert not subject.swims or not subject.publishers()
+    optimizer.destroy_node()
+    plant.destroy_node()
+    rclpy.shutdown(context=context)
 
 
 def test_a_short_study_runs_to_its_end_and_leaves_everything(start: Start, folder: Path) -> None:

@@ -151,6 +151,27 @@ def test_a_gait_moves_the_tail_as_asked_and_joint_states_say_what_was_sent(
     assert np.max(np.abs(angles[moving][settled] - expected)) < 1e-3 + peak_rate * drift
 
 
+@pytest.mark.parametrize("repeat", [False, True])
+def test_a_swim_ends_when_the_tail_stands_at_neutral_and_not_before(
+    driver: StartedProcess, client: RobotClient, port: PtyPort, repeat: bool
+) -> None:
+    """Who leads a robot to rest waits for READY, and may take the force from the tail then."""
+    del driver
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    client.publish_gait(STILL, repeat=repeat)
+    ready = client.wait_for_state(State.READY)
+    assert ready.reason == ""
+    client.wait_until(lambda: stamps_and_angles(client)[-1][0] > ready.stamp + 200_000_000, "what the tail does then")
+    moving = [stamp for stamp, angle in stamps_and_angles(client) if angle != 0.0]
+    assert moving
+    assert max(moving) < ready.stamp - 50_000_000, "held at neutral before"
+
+
+def stamps_and_angles(client: RobotClient) -> list[tuple[int, float]]:
+    return [(nanoseconds_of(m.header.stamp), m.position[0]) for m in client.received(topics.JOINT_STATES)]
+
+
 # -- the four tests of a stale command -------------------------------------------------------------------------------
 
 

@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from fin_plant import ros_environment, topics
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
 from fin_plant.plant_state import PlantState, State
+from support.waiting import PATIENCE, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -31,7 +32,7 @@ LISTENED = (
     topics.DIAGNOSTICS,
 )
 GAIT_PERIOD = 0.2
-TIMEOUT = 20.0
+TIMEOUT = PATIENCE
 
 
 class PlantClient:
@@ -70,14 +71,20 @@ class PlantClient:
     # -- waiting -----------------------------------------------------------------------------------------------------
 
     def wait_until(self, condition: Callable[[], object], what: str, timeout: float = TIMEOUT) -> None:
-        """Spin, repeating the gait, until the condition holds; fail with what was awaited."""
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end, f"no {what} within {timeout} s; last state: {self.state()}"
-            if self._gait is not None and time.monotonic() - self._gait_sent > GAIT_PERIOD:
-                self._gait_sent = time.monotonic()
-                self._gait_topic.publish(self._gait)
-            self._executor.spin_once(timeout_sec=0.02)
+        """Spin, repeating the gait, until the condition holds; fail with what was awaited, after `PATIENCE` or more."""
+        wait_until(condition, timeout, lambda: f"{what}; last state: {self.state()}", self._spin_once)
+
+    def spin(self, seconds: float) -> None:
+        """Listen, and repeat the gait, for so long: where a test is about time that passes."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self._spin_once()
+
+    def _spin_once(self) -> None:
+        if self._gait is not None and time.monotonic() - self._gait_sent > GAIT_PERIOD:
+            self._gait_sent = time.monotonic()
+            self._gait_topic.publish(self._gait)
+        self._executor.spin_once(timeout_sec=0.02)
 
     def wait_for_state(self, state: State, timeout: float = TIMEOUT) -> PlantState:
         """Wait until the newest plant_state is this one; return it."""

@@ -78,11 +78,6 @@ class RobotClient(PlantClient):
         state = self.state()
         return state.reason if state else "no plant_state"
 
-    def spin(self, seconds: float) -> None:
-        """Listen, and repeat the gait, for so long: where a test is about time that passes."""
-        with contextlib.suppress(AssertionError):
-            self.wait_until(lambda: False, "the end", timeout=seconds)
-
 
 @contextlib.contextmanager
 def plugged_in(device: Device, folder: Path, *, keep: bool = False) -> Iterator[PtyPort]:

@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _POLL_SECONDS = 0.02
+PATIENCE = 60.0
+"""s that every wait gets at least: what is waited for is to come, and how soon it does says how busy the machine is."""
 
 
 def wait_until(
@@ -21,13 +23,14 @@ def wait_until(
 
     Args:
         condition: Asked again and again.
-        timeout: In s.
+        timeout: In s; `PATIENCE` if that is longer, so it proves nothing about how soon.
         why: What was waited for, told when it does not come.
         meanwhile: What to do between two looks; an executor's ``spin_once``, for example.
 
     Raises:
         AssertionError: It did not become true in time.
     """
+    timeout = max(timeout, PATIENCE)
     end = time.monotonic() + timeout
     while not condition():
         if time.monotonic() > end:

@@ -6,6 +6,7 @@ import re
 import threading
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +25,7 @@ from fin_servo_driver.port import SerialLine
 from fin_servo_driver.relay import RelayMotion
 from fin_servo_driver.set_points import Motion, ServoMotion
 from fin_servo_driver.tail import Command, Phase, Settings
-from support.waiting import wait_until
+from support.waiting import PATIENCE, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -51,11 +52,12 @@ class Rig:
 
     def repeat_until(self, condition: Callable[[], object], timeout: float, what: str) -> None:
         """Send the gait again and again until the condition holds."""
-        end = time.monotonic() + timeout
-        while not condition():
-            assert time.monotonic() < end, f"no {what} within {timeout} s: {self.thread.health}"
+
+        def send() -> None:
             self.gait()
             time.sleep(0.02)
+
+        wait_until(condition, timeout, lambda: f"{what}: {self.thread.health}", send)
 
     def driven(self) -> bool:
         """Whether the device gives force to anything."""
@@ -92,7 +94,7 @@ def rig(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Rig]:
 
 def arm(rig: Rig) -> None:
     rig.thread.arm()
-    assert rig.thread.wait_for({Phase.SILENT}, 1.0)
+    assert rig.thread.wait_for({Phase.SILENT}, PATIENCE)
 
 
 @pytest.mark.parametrize("rig", ALL, indirect=True)
@@ -118,7 +120,7 @@ def test_every_device_is_silenced_when_the_commander_is(rig: Rig) -> None:
     arm(rig)
     rig.repeat_until(rig.driven, 3.0, "motion")
     wait_until(lambda: not rig.driven() and rig.thread.health.phase is Phase.SILENT, 2.0, "silence")
-    assert rig.thread.health.timeouts == 1
+    assert rig.thread.health.timeouts >= 1  # one more where this test was put aside while it commanded
 
 
 @pytest.mark.parametrize("rig", ["dynamixel", "maestro", "modbus"], indirect=True)
@@ -261,13 +263,18 @@ def test_a_servo_that_does_not_tell_where_it_stands_is_not_started(tmp_path: Pat
 
 def test_a_complaint_of_the_device_is_told_for_some_seconds_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(io_thread, "_FAULT_SHOWN", 0.2)
-    line = Broken()
+    line, told = Broken(), set[str]()
     thread, _ = thread_on(line, [])
+    publish = thread._publish_health
+
+    def publish_and_note() -> None:
+        publish()
+        told.add(thread.health.fault)
+
+    monkeypatch.setattr(thread, "_publish_health", publish_and_note)
     start_armed(thread)
-    line.failure = LineStalledError("took no bytes")
-    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-    wait_until(lambda: thread.health.fault == "took no bytes", 1.0, "complaint")
-    line.failure = None
+    line.failure, line.failures_left = LineStalledError("took no bytes"), 3
+    wait_until(lambda: "took no bytes" in told, 1.0, "complaint", lambda: command(thread))
     wait_until(lambda: thread.health.fault == "", 2.0, "the end of the complaint")
     assert thread.health.connected
     thread.close()
@@ -354,13 +361,15 @@ class Broken:
 
     def __init__(self, failure: DeviceError | None = None, *, behind: bool = False) -> None:
         self.failure = failure
+        self.failures_left = 1_000_000
         self.behind = behind
         self.written = bytearray()
         self.closed = False
         self.waiting = b"\xf9\x02\x05"  # the banner of a board that does nothing but tell its pins
 
     def write(self, data: bytes) -> None:
-        if self.failure is not None:
+        if self.failure is not None and self.failures_left > 0:
+            self.failures_left -= 1
             raise self.failure
         for pin in re.findall(rb"\xf0\x6d(.)\xf7", data, re.DOTALL):
             self.waiting += b"\xf0\x6e" + pin + b"\xf7"
@@ -381,10 +390,34 @@ class Broken:
         self.closed = True
 
 
+class Clock:
+    """Time that goes on only while the I/O thread waits for its next tick."""
+
+    def __init__(self) -> None:
+        self._now = 1000.0
+
+    def monotonic(self) -> float:
+        return self._now
+
+    def sleep(self, seconds: float) -> None:
+        self._now += seconds
+        time.sleep(0.001)  # let the test have its turn
+
+
+def command(thread: IoThread, now: float | None = None) -> None:
+    """Send the paper's gait; where a test is put aside, a single one would be stale before its first tick."""
+    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic() if now is None else now))
+    time.sleep(0.001)
+
+
+def has_sent(thread: IoThread, ticks: int) -> bool:
+    return thread.health.ticks >= ticks
+
+
 def start_armed(thread: IoThread) -> None:
     thread.start()
     thread.arm()
-    assert thread.wait_for({Phase.SILENT}, 1.0)
+    assert thread.wait_for({Phase.SILENT}, PATIENCE)
 
 
 def thread_on(line: Broken, reports: list[str]) -> tuple[IoThread, Motion]:
@@ -398,31 +431,31 @@ def test_a_line_that_is_behind_gets_no_more_set_points_and_is_lost_if_it_stays_s
     line = Broken(behind=True)
     thread, motion = thread_on(line, [])
     start_armed(thread)
-    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-    wait_until(lambda: thread.health.dropped > 3, 2.0, "dropped set-points")
+    wait_until(lambda: thread.health.dropped > 3, 2.0, "dropped set-points", lambda: command(thread))
     assert set(line.written) <= {0xF7, 0xFF, 0xF9}  # disabled at the start, and asked for a sign of life
-    begin = time.monotonic()
-    while thread.health.connected:
-        assert time.monotonic() - begin < 2.0
-        thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-        time.sleep(0.01)
+    wait_until(lambda: not thread.health.connected, 2.0, "loss", lambda: command(thread))
     assert "the line is behind" in thread.health.reason
     thread.close()
     assert line.closed
     assert motion.joints == 1
 
 
-def test_a_line_that_stalls_for_half_a_second_is_lost() -> None:
-    line, reports = Broken(), []  # type: ignore[var-annotated]
-    thread, _ = thread_on(line, reports)
+def test_a_line_that_stalls_for_half_a_second_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Clock()
+    losses: list[tuple[float, str]] = []
+    line = Broken()
+    thread, _ = thread_on(line, [])
+    thread._report = lambda text: losses.append((clock.monotonic(), text))
+    monkeypatch.setattr(io_thread, "time", clock)
+    monkeypatch.setattr(thread, "_sleep", clock.sleep)
     start_armed(thread)
+    failing_since = clock.monotonic()
     line.failure = LineStalledError("took no bytes")
-    begin = time.monotonic()
-    while thread.health.connected and time.monotonic() - begin < 3.0:
-        thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-        time.sleep(0.01)
-    assert 0.4 < time.monotonic() - begin < 1.5
-    assert any("took no bytes" in report for report in reports)
+    wait_until(lambda: losses, 3.0, "loss", lambda: command(thread, clock.monotonic()))
+    lost_at, reason = losses[0]
+    assert io_thread.STALLED_SECONDS - 0.1 < lost_at - failing_since < io_thread.STALLED_SECONDS + 0.1
+    assert "took no bytes" in reason
+    line.failure = None
     thread.close()
 
 
@@ -442,13 +475,12 @@ def test_an_unforeseen_failure_still_ends_disabled_where_the_tail_stands(recwarn
     line, reports = Broken(), []  # type: ignore[var-annotated]
     thread, motion = thread_on(line, reports)
     start_armed(thread)
-    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
+    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points", lambda: command(thread))
     hook, threading.excepthook = threading.excepthook, lambda _: None
     try:
         motion.outputs = lambda *_: 1 / 0  # type: ignore[method-assign, assignment]
         sent = thread.health.ticks
-        wait_until(lambda: not thread.alive, 2.0, "the end of the thread")
+        wait_until(lambda: not thread.alive, 2.0, "the end of the thread", lambda: command(thread))
     finally:
         threading.excepthook = hook
     assert bytes(line.written[-2:]) == b"\xf7\xff"  # the reset, and no set-point before it
@@ -522,7 +554,7 @@ def test_a_pin_is_attached_though_the_first_attempt_was_lost() -> None:
         lambda: thread.health.ticks > 3,
         1.0,
         "set-points",
-        lambda: thread.mailbox.put(Command(PAPER_GAIT, time.monotonic())),
+        lambda: command(thread),
     )
     assert 0 < line.written.index(b"\xf4\x09\x04") < line.written.index(b"\xe9")
     thread.close()
@@ -539,10 +571,9 @@ def test_a_start_that_failed_half_way_ends_without_a_jump_to_neutral() -> None:
     line = Mute()
     thread, _ = thread_on(line, [])
     start_armed(thread)
-    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-    wait_until(lambda: thread.health.dropped > 1, 1.0, "failed starts")
+    wait_until(lambda: thread.health.dropped > 1, 1.0, "failed starts", lambda: command(thread))
     thread.stop_tail()
-    assert thread.wait_for({Phase.SILENT}, 0.3)
+    assert thread.wait_for({Phase.SILENT}, PATIENCE)
     thread.close()
     assert b"\xe9" not in line.written
 
@@ -563,11 +594,10 @@ def test_a_back_end_that_cannot_send_any_more_is_disabled_all_the_same(monkeypat
     line, reports = Broken(), []  # type: ignore[var-annotated]
     thread, _ = thread_on(line, reports)
     start_armed(thread)
-    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
+    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points", lambda: command(thread))
     disabled = len(line.written)
     fail_with(thread._backend, monkeypatch, "send")
-    wait_until(lambda: not thread.alive, 2.0, "the end of the thread")
+    wait_until(lambda: not thread.alive, 2.0, "the end of the thread", lambda: command(thread))
     assert b"\xff" in line.written[disabled:]
     assert line.closed
     assert (thread.health.connected, thread.health.phase) == (False, Phase.DISARMED)
@@ -580,12 +610,11 @@ def test_a_cut_takes_the_force_and_sends_no_set_point_after_it(monkeypatch: pyte
     thread, _ = thread_on(line, [])
     start_armed(thread)
     for _ in range(5):
-        thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-        before = thread.health.ticks
-        wait_until(lambda before=before: thread.health.ticks > before + 3, 2.0, "set-points")  # type: ignore[misc]
+        goal = thread.health.ticks + 4
+        wait_until(partial(has_sent, thread, goal), 2.0, "set-points", lambda: command(thread))
         thread.cut()
         ticks = thread.health.ticks
-        assert thread.wait_for({Phase.SILENT}, 2.0)
+        assert thread.wait_for({Phase.SILENT}, PATIENCE)
         assert thread.health.ticks - ticks <= 1, "a set-point whose frame was on its way"
         assert bytes(line.written[-2:]) == b"\xf7\xff"
     thread.close()
@@ -596,11 +625,10 @@ def test_whatever_fails_at_the_end_the_port_is_closed_and_the_health_says_so(mon
     line = Broken()
     thread, _ = thread_on(line, [])
     start_armed(thread)
-    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
-    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points")
+    wait_until(lambda: thread.health.ticks > 3, 1.0, "set-points", lambda: command(thread))
     fail_with(thread._backend, monkeypatch, "send", "disable")
     monkeypatch.setattr(line, "drain", lambda _: 1 / 0)
-    wait_until(lambda: not thread.alive, 2.0, "the end of the thread")
+    wait_until(lambda: not thread.alive, 2.0, "the end of the thread", lambda: command(thread))
     assert line.closed
     assert thread.health.connected is False
 
@@ -634,7 +662,7 @@ def test_a_cut_whose_frames_get_lost_is_repeated_to_a_device_that_confirms_nothi
     rig.repeat_until(rig.driven, 3.0, "force")
     rig.port.drop_rate = 1.0
     rig.thread.cut()
-    assert rig.thread.wait_for({Phase.SILENT}, 1.0)
+    assert rig.thread.wait_for({Phase.SILENT}, PATIENCE)
     wait_until(lambda: rig.thread._line is not None and not rig.thread._asked, 1.0, "the cut")
     time.sleep(0.02)  # the noise on the line that swallows the frames
     assert rig.driven()
@@ -661,10 +689,9 @@ def test_a_tail_is_said_to_follow_while_its_device_is_still_being_enabled(monkey
     thread, _ = thread_on(line, [])
     start_armed(thread)
     is_enabled = threading.Event()
-    monkeypatch.setattr(thread._backend, "enable", lambda *_: is_enabled.wait(5.0))
-    thread.mailbox.put(Command(PAPER_GAIT, time.monotonic()))
+    monkeypatch.setattr(thread._backend, "enable", lambda *_: is_enabled.wait())
     try:
-        wait_until(lambda: thread.health.phase is Phase.FOLLOWING, 1.0, "the phase")
+        wait_until(lambda: thread.health.phase is Phase.FOLLOWING, 1.0, "the phase", lambda: command(thread))
         assert thread.health.ticks == 0
     finally:
         is_enabled.set()
@@ -694,9 +721,14 @@ def test_servos_that_tell_late_where_they_stand_start_from_there_without_a_jump(
     wait_until(lambda: not made.thread._feedback.positions, 1.0, "silence about the position")
     begin = tells_since = time.monotonic()
     gait = made.motion.allowed(PAPER_GAIT, 0.2617, 5.0)
-    while made.thread.health.ticks < 30:
+
+    def has_moved() -> bool:
+        goals = [goal for _, goal in list(bus.goals)]
+        return made.thread.health.ticks >= 30 and max(abs(servo.angle_at(goal)) for goal in goals) > 0.05
+
+    while not has_moved():
         now = time.monotonic()
-        assert now - begin < 3.0, made.thread.health
+        assert now - begin < PATIENCE, made.thread.health
         if bus.mute and now - begin > 0.25:  # the gait has almost reached its largest angle
             tells_since = now
             bus.mute = False
@@ -708,4 +740,3 @@ def test_servos_that_tell_late_where_they_stand_start_from_there_without_a_jump(
     angles = np.abs([servo.angle_at(goal) for goal in goals])
     ramp = smooth_step((times - tells_since) / 0.2)[0]
     assert np.all(angles <= gait.joints[0].amplitude * ramp + 0.01)
-    assert np.max(angles) > 0.05

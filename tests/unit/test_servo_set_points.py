@@ -336,6 +336,58 @@ def test_a_still_gait_holds_neutral_until_it_times_out() -> None:
     assert tail.phase is Phase.SILENT
 
 
+def still_from(tail: Tail, start: float, sampled: list[tuple[float, float | None]]) -> float:
+    """Send a still gait until the tail is said to stand; return the time, with the samples in between added."""
+    for number in range(round(3.0 * RATE)):
+        now = start + number * PERIOD
+        sampled += drive(tail, now, now + PERIOD, STILL)
+        if tail.is_still(now):
+            return now
+    pytest.fail("the tail was never said to stand")
+
+
+@pytest.mark.parametrize("beaten", [0.1, 0.3, 1.0, 1.4])
+def test_after_its_gaits_end_a_tail_stands_when_it_was_held_at_neutral_and_not_before(beaten: float) -> None:
+    tail = armed()
+    assert tail.is_still(0.0)
+    drive(tail, 0.0, beaten)
+    assert not tail.is_still(beaten)
+    record: list[tuple[float, float | None]] = []
+    end = still_from(tail, beaten, record)
+    held = [position for time, position in record if time > end - 0.1]
+    assert set(held) == {1500.0}
+    assert len(held) >= 5
+    drive(tail, end + PERIOD, end + 1.0)
+    assert not tail.is_still(end + 1.0)
+
+
+def test_a_tail_that_is_stopped_stands_when_it_falls_silent() -> None:
+    tail = armed()
+    drive(tail, 0.0, 1.0)
+    tail.stop(1.0)
+    while tail.phase is Phase.STOPPING:
+        assert not tail.is_still(1.0)
+        drive(tail, 1.0, 3.0, None)
+    assert tail.is_still(3.0)
+
+
+def test_relays_stand_when_the_last_stroke_of_the_ramp_is_over() -> None:
+    tail = armed(None, RelayMotion([RelayJoint(1, 2)], RelayTiming(), 0.01))
+    on_after_end = []
+    end = math.inf
+    for number in range(400):
+        now = 0.01 * number
+        if number in {0, 100}:
+            tail.command(Command(PAPER_GAIT if number == 0 else STILL, now), {})
+        outputs = tail.tick(now)
+        assert outputs is not None
+        end = min(end, now) if number > 100 and tail.is_still(now) else end
+        if now >= end:
+            on_after_end.append(any(outputs.values()))
+    assert 1.0 < end < 2.5
+    assert not any(on_after_end)
+
+
 gaits = st.builds(
     carangiform, st.floats(0.0, math.pi, allow_subnormal=True), st.floats(0.0, 100.0, allow_subnormal=True)
 )

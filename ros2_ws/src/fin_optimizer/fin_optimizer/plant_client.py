@@ -15,9 +15,10 @@ from fin_optimizer.trial import Reply
 from fin_plant import topics
 from fin_plant.discovery import NAME_TO_COME
 from fin_plant.messages import gait_from_message, gait_message, plant_state_from_message
+from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.client import Client
@@ -31,13 +32,18 @@ if TYPE_CHECKING:
 
 _ESTIMATOR = "velocity_estimator"
 """Name of the node that turns a tracker's poses into the velocity of a robot."""
+_LISTEN_PERIOD = 0.005
 _LOOK_PERIOD = 0.05
 """s between two looks at the graph, which take longer than a look at a variable."""
-_FAREWELL = Duration(seconds=0.5)
+_ARRIVAL = Duration(seconds=0.5)
+_START_SECONDS = 1.0
+"""s in which a plant says that it swims a gait that has just been sent."""
+_REST_SECONDS = 12.0
+"""s in which a plant is at rest after its gait's end: a robot's tail takes 10 s at most to neutral."""
 
 
 class PlantClient:
-    """Finds the one plant of a namespace and speaks to it. Nothing here waits.
+    """Finds the one plant of a namespace and speaks to it. Nothing here waits but `farewell`.
 
     Attributes:
         state: What the plant said last, None before.
@@ -68,10 +74,11 @@ class PlantClient:
         self._request_reset: Client | None = None
         self._get_parameters: Client | None = None
         self._gait = node.create_publisher(topics.GAIT.type, topics.GAIT.name_in(namespace), topics.GAIT.qos)
-        state = node.create_subscription(
+        self._gait_is_new = False
+        self._states = node.create_subscription(
             topics.PLANT_STATE.type, topics.PLANT_STATE.name_in(namespace), self._on_state, topics.PLANT_STATE.qos
         )
-        self._state_topic = str(state.topic_name)
+        self._state_topic = str(self._states.topic_name)
         self.velocity_trouble = ""
         self._estimator = f"{namespace.rstrip('/')}/{_ESTIMATOR}: "
         diagnostics = topics.DIAGNOSTICS
@@ -86,6 +93,8 @@ class PlantClient:
         except ValueError as error:
             self.unreadable = str(error)
             self._node.get_logger().error(self.unreadable)
+            return
+        self._gait_is_new = self._gait_is_new and not self.swims
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -184,10 +193,32 @@ class PlantClient:
         self._newest[client] = client.call_async(request)
         self._newest[client].add_done_callback(answered)
 
+    @property
+    def swims(self) -> bool:
+        """Whether the plant said last that it swims."""
+        return self.state is not None and self.state.state is State.SWIMMING
+
     def send(self, gait: Gait) -> None:
         """Send a gait."""
+        self._gait_is_new = self._gait_is_new or (gait.moves and not self.swims)
         self._gait.publish(gait_message(gait.rows()))
 
     def farewell(self) -> None:
-        """Wait, not long, until the last gait has arrived: the process is about to end."""
-        self._gait.wait_for_all_acked(_FAREWELL)
+        """Wait, as the process is about to end, until the last gait has arrived and the plant swims no more.
+
+        Who started both ends the plant next, and a robot's driver that is ended takes the force from its tail wherever
+        that stands. No executor has a part in it.
+        """
+        self._gait.wait_for_all_acked(_ARRIVAL)
+        self._listen_while(lambda: self._gait_is_new, _START_SECONDS)
+        self._listen_while(lambda: self.swims, _REST_SECONDS)
+
+    def _listen_while(self, condition: Callable[[], bool], seconds: float) -> None:
+        """Take what the plant says of its state while the condition holds and a plant is there, at most so long."""
+        until = time.monotonic() + seconds
+        while True:
+            while (taken := self._states.handle.take_message(topics.PLANT_STATE.type, False)) is not None:  # noqa: FBT003  (not raw; a C++ function)
+                self._on_state(taken[0])
+            if not condition() or not self.publishers() or time.monotonic() > until:
+                return
+            time.sleep(_LISTEN_PERIOD)

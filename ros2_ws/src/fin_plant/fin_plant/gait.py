@@ -369,6 +369,10 @@ class GaitFollower:
         """Whether a gait other than neutral is under way or awaited."""
         return Gait.from_rows(self.target).moves
 
+    def is_still(self, time: float) -> bool:
+        """Return whether neither a gait nor the ramp of the last one's end moves anything at ``time`` s."""
+        return not self.moves and time >= self._transitions[-1].end
+
     def command(self, gait: Gait, time: float) -> None:
         """Follow ``gait`` from ``time`` s on, or from the end of the ramp under way.
 

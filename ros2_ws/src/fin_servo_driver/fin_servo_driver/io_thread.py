@@ -8,6 +8,7 @@ the tail: only a tail that is led to rest, tick by tick, goes to neutral.
 from __future__ import annotations
 
 import contextlib
+import math
 import queue
 import threading
 import time
@@ -99,6 +100,8 @@ class Health:
     Attributes:
         connected: Whether the device is there.
         phase: Of the tail.
+        still: Whether the tail stands, and nothing moves it of what was commanded by ``commanded``.
+        commanded: s of the monotonic clock at which the newest command was received that the tail has been given.
         identity: What the device says of itself.
         reason: Why it is not connected.
         reconnects: How often it came back.
@@ -117,6 +120,8 @@ class Health:
 
     connected: bool = True
     phase: Phase = Phase.DISARMED
+    still: bool = True
+    commanded: float = -math.inf
     identity: str = ""
     reason: str = ""
     reconnects: int = 0
@@ -173,6 +178,7 @@ class IoThread:
         self._back_off = BackOff()
         self._latenesses: deque[float] = deque(maxlen=_LATENESSES_KEPT)
         self._fault_at = 0.0
+        self._commanded = -math.inf
         self._asked: deque[tuple[str, float]] = deque()
         self._stop = Stop()
         self._is_ending = False
@@ -295,7 +301,7 @@ class IoThread:
                 self._disconnect()
             finally:
                 self._tail.phase = Phase.DISARMED
-                self.health = replace(self.health, connected=False, phase=Phase.DISARMED, reason=reason)
+                self.health = replace(self.health, connected=False, phase=Phase.DISARMED, still=True, reason=reason)
 
     def _on_time(self, now: float, due: float, period: float) -> float:
         """Note how late the tick is, and return when the next one is due."""
@@ -352,6 +358,7 @@ class IoThread:
         command = self.mailbox.take()
         if command is not None:
             self._take(command)
+            self._commanded = command.time
             self._publish_health()  # at once: to enable the device may take longer than the node waits
         if self._force is not _Force.ENABLED and self._tail.phase is Phase.STOPPING:
             self._tail.cut(now)  # nothing has moved yet
@@ -518,6 +525,8 @@ class IoThread:
         self.health = replace(
             self.health,
             phase=self._tail.phase,
+            still=self._tail.is_still(time.monotonic()),
+            commanded=self._commanded,
             limited=self._motion.limited,
             timeouts=self._tail.timeouts,
             operations=operations,

@@ -109,6 +109,10 @@ class RelayMotion:
             for channel, side in ((joint.left, LEFT), (joint.right, RIGHT))
         }
 
+    def is_still(self, now: float) -> bool:
+        """Return whether the gait's end has faded at ``now`` s, and no relay is on."""
+        return self._follower.is_still(now) and not any(self.angles)
+
     def allowed(self, gait: Gait, sweep: float, highest_frequency: float) -> Gait:
         """Return the gait inside the limits.
 

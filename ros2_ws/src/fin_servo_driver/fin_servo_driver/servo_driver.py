@@ -382,14 +382,15 @@ class ServoDriver:
             return
         if gait is None:
             return
+        beats = self._sent is not None and self._sent.gait.moves
         if self._sent is None or not self._sent.gait.same_as(gait):
             self._gait_since = now
         self._sent = Command(gait, now, self._gait_since)
         self._need_io().mailbox.put(self._sent)
         since = self._states.swimming_since
         self._states.rest()
-        if gait.moves:
-            self._states.swimming_since = stamp_of(now) if since is None else since
+        # A gait's end lasts until the tail stands, see `_follow_phase`; another gait before that is another swim.
+        self._states.swimming_since = stamp_of(now) if gait.moves and (since is None or not beats) else since
         self.publish_state()
         if not gait.same_as(self._applied):
             self._apply(gait)
@@ -465,9 +466,15 @@ class ServoDriver:
         return _ACTIVE_LOOK if self._io is not None and self._states.armed else _IDLE_LOOK
 
     def _follow_phase(self, io: IoThread) -> None:
-        """Notice that the tail has stopped by itself, or has not started: no fresh gait, or something of the device."""
+        """Notice that the tail stands after its gait's end.
+
+        Or that it has stopped by itself, or has not started: no fresh gait, or something of the device.
+        """
         if self._sent is None:
             return
+        health = io.health
+        if not self._sent.gait.moves and health.still and health.commanded >= self._gait_since:
+            self._states.swimming_since = None
         following = io.health.phase in {Phase.FOLLOWING, Phase.STOPPING}
         self._followed = self._followed or following
         overdue = time.monotonic() - self._gait_since > _TAKE_SECONDS
@@ -475,7 +482,7 @@ class ServoDriver:
             return
         io.stop_tail()  # it may be about to start: what is said of it here must stay true
         reason = io.health.refusal
-        if not reason and self._states.swimming_since is not None and io.health.connected:
+        if not reason and self._sent.gait.moves and self._states.swimming_since is not None and io.health.connected:
             reason = _TIMED_OUT if self._followed else _NOT_STARTED
         if reason:
             self._log.warning(reason)

@@ -61,6 +61,9 @@ class Motion(Protocol):
     def joints(self) -> int:
         """Number of driven joints."""
 
+    def is_still(self, now: float) -> bool:
+        """Return whether the gait's end has faded at ``now`` s, and neutral was the last that was sent."""
+
     def allowed(self, gait: Gait, sweep: float, highest_frequency: float) -> Gait:
         """Return the gait inside the limits (rad, Hz), or raise ValueError for one that cannot be driven at all."""
 
@@ -139,6 +142,10 @@ class ServoMotion:
     def at_neutral(self) -> bool:
         """Whether neutral was the last that was sent."""
         return not any(self.angles)
+
+    def is_still(self, now: float) -> bool:
+        """Return whether the gait's end has faded at ``now`` s, and neutral was the last that was sent."""
+        return self._follower.is_still(now) and self.at_neutral
 
     def allowed(self, gait: Gait, sweep: float, highest_frequency: float) -> Gait:
         """Return the gait inside every joint's limits: angle, range of the servo, frequency, and rate.

@@ -137,12 +137,19 @@ class Tail:
         if self.phase is Phase.SILENT:
             self._motion.restart(self.settings.ramp_time, measured)
             self.phase = Phase.FOLLOWING
+            self._neutral_since = math.inf
         self._watchdog.feed(command.time)
         since = command.since
         if since is None or since < self._not_before:
             since = command.time
         self._motion.command(command.gait, since)
         return True
+
+    def is_still(self, now: float) -> bool:
+        """Return whether the tail stands at ``now`` s, held at neutral or silent, and no command moves it."""
+        if self.phase is Phase.FOLLOWING:
+            return self._motion.is_still(now) and now - self._neutral_since >= self._motion.hold_time
+        return self.phase is not Phase.STOPPING
 
     def tick(self, now: float) -> Outputs | None:
         """Return what to send at ``now`` s, or None while nothing may be sent."""
@@ -152,7 +159,9 @@ class Tail:
         if self.phase is Phase.STOPPING:
             return self._stopping(now)
         if self.phase is Phase.FOLLOWING:
-            return self._motion.outputs(now, 1.0)
+            outputs = self._motion.outputs(now, 1.0)
+            self._neutral_since = min(self._neutral_since, now) if self._motion.is_still(now) else math.inf
+            return outputs
         return None
 
     def _stopping(self, now: float) -> Outputs | None:
