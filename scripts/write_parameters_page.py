@@ -22,9 +22,9 @@ Give them at the start (`-p name:=value` after `--ros-args`, or `name:=value` to
 not *fixed* with `ros2 param set`. A value outside its range is refused and the node keeps the last good one.
 What `ros2 param dump` writes starts the same node again (`--ros-args --params-file`).
 
-Lists of which each entry belongs to one of another list, a profile's positions and heights, or those of a peduncle, may
-be set in any order. While their lengths differ, those before stay in force, `plant_state` says which are awaited, a swim
-under way goes on and no gait starts one.
+Lists of which each entry belongs to one of another list, as a profile's heights to its positions, may be set in any
+order. While their lengths differ, those before stay in force and `plant_state` says which are awaited; a swim under way
+goes on, and no gait starts one.
 """
 
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import fin_sim
-from fin_optimizer.experiments import SHAPE_LENGTH
 from fin_plant.figures import empty_figure, own_style, try_to_draw
 from fin_plant.fin import Fin
 from fin_sim.materials import materials
@@ -27,6 +26,19 @@ if TYPE_CHECKING:
 
 CENTI, GIGA = 1e2, 1e-9
 _OURS, _THEIRS, _OTHER, _GREY = "#0b6aa2", "#c8553d", "#3a7d44", "#8a8a8a"
+
+
+# What the papers state, Raja Mohamed & Raviraj and then Clark et al. 2012: speed in m/s and Young's modulus in Pa.
+_MODEL = ((0.048, 0.7e9), (0.051, 0.9e9))
+_SIMULATION = ((0.012, 0.9e9), (0.014, 1.9e9))
+_PROTOTYPE = 0.037
+_OPTIMA = ((1.9e9, 0.08), (7.55e9, 0.14))
+"""Young's modulus and length in m of the two fins that evolved."""
+_HINGES = (1.35e-3, 1.73e-3)
+"""Their hinge stiffness in N m."""
+_STATED_THICKNESS = 1e-3
+_AT_THE_PEAK = 0.01
+"""A run that ends within this share of the highest speed known has found the peak."""
 
 
 def best(table: Table) -> dict[str, float]:
@@ -167,7 +179,8 @@ def _figure_7(results: Mapping[Run, Table]) -> Figure:
             mec="black",
             label="our best of each run",
         )
-    axes.plot(7.55, 14.0, "*", color=_THEIRS, mec="white", ms=13, label="the paper's optimum", clip_on=False)
+    optimum = _OPTIMA[1][0] * GIGA, _OPTIMA[1][1] * CENTI
+    axes.plot(*optimum, "*", color=_THEIRS, mec="white", ms=13, label="the paper's optimum", clip_on=False)
     axes.set(
         xlabel="Young's modulus in GPa",
         ylabel="fin length in cm",
@@ -192,9 +205,16 @@ def _spread(values: NDArray[np.float64], unit: str, scale: float = 1.0) -> str:
     return f"{np.mean(values) * scale:.3g} +- {np.std(values) * scale:.2g} {unit}"
 
 
-def _peak(table: Table) -> str:
-    row = best(table)
-    return f"{row['speed'] * CENTI:.2f} cm/s at {row['young_modulus'] * GIGA:.2f} GPa"
+def _span(values: NDArray[np.float64], unit: str, scale: float = 1.0, digits: int = 4) -> str:
+    """Return the range of values; one number where both ends read the same."""
+    low, high = (f"{value * scale:.{digits}g}" for value in (np.min(values), np.max(values)))
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def _beside(ours: float, theirs: float) -> str:
+    """Return how much ours is above or below theirs."""
+    percent = round(100.0 * (ours / theirs - 1.0))
+    return "the same" if percent == 0 else f"{abs(percent)} % {'above' if percent > 0 else 'below'}"
 
 
 def _hinge(modulus: float, length: float) -> float:
@@ -204,101 +224,129 @@ def _hinge(modulus: float, length: float) -> float:
 
 
 def rows(results: Mapping[Run, Table]) -> list[Row]:
-    """Return the comparison, for the experiments that were carried out."""
+    """Return the comparison, for the experiments that were carried out.
+
+    What is said of ours follows from the tables; what is said of the papers stands in them.
+    """
     done = {run.experiment for run in results}
     table = []
     if "model" in done:
         remark = (
-            "They differ on the same curve. Neither states the drag area, with whose root the speed falls (ours is "
-            "fitted to one measured stiff fin), nor the damping and the sheet's true thickness, which move the peak."
+            "Neither paper states the drag area, with whose root the speed falls (ours is fitted to one measured stiff "
+            "fin), nor the damping and the sheet's true thickness, which move the peak."
         )
-        table.append(
-            Row(
-                "model: peak speed",
-                "4.8 cm/s at 0.7 GPa",
-                "5.1 cm/s at 0.9 GPa",
-                _peak(_of(results, "model")[0]),
-                remark,
-            )
-        )
+        table.append(_peak_row("model: peak speed", _MODEL, _of(results, "model")[0], remark))
     if "simulation" in done:
+        times = np.array([_PROTOTYPE / speed for speed, _ in _SIMULATION])
         remark = (
-            "The papers' simulation is three times slower than their prototype and model; its mass and drag are not "
-            "stated. With ours, fitted to the stiff prototype, the peak lies between theirs and the prototype's."
+            f"The papers' prototype is {_span(np.round(times, 1), 'times')} as fast as their simulation, whose mass "
+            "and drag are not stated. Ours are fitted to the stiff prototype."
         )
-        table.append(
-            Row(
-                "simulation: peak speed",
-                "1.2 cm/s at 0.9 GPa",
-                "1.4 cm/s at 1.9 GPa",
-                _peak(_of(results, "simulation")[0]),
-                remark,
-            )
-        )
+        table.append(_peak_row("simulation: peak speed", _SIMULATION, _of(results, "simulation")[0], remark))
+    on_stiffness = ("simulation", "hill_climber", "genetic")
+    remark = "The paper's own curve peaks at 0.9 GPa; its searches end at 1.6 and 1.7 GPa, where that curve is lower."
     if "hill_climber" in done:
-        table += _search_rows(results, "hill_climber", "hill climber: E found", "1.7 GPa", "not stated")
+        ours = _ours(results, "hill_climber", on_stiffness)
+        table.append(Row("hill climber: E found", "1.7 GPa", "not stated", ours[0], f"{ours[1]} {remark}"))
     if "genetic" in done:
-        table += _search_rows(results, "genetic", "genetic algorithm: E found", "1.6 GPa", "1.9 GPa")
+        ours = _ours(results, "genetic", on_stiffness)
+        table.append(Row("genetic algorithm: E found", "1.6 GPa", "1.9 GPa", ours[0], f"{ours[1]} {remark}"))
+    on_shape = ("shape", "landscape", "cma")
     if "shape" in done:
-        table += _shape_rows(results)
-    table.append(
-        Row(
-            "prototype: peak speed",
-            "3.7 cm/s",
-            "3.7 cm/s",
-            "not simulated",
-            "Measured: a simulation cannot repeat it. It is drawn in figure 6.",
-        )
-    )
-    remark = (
-        "Equation 3 with the stated 1 mm gives 110 times these; both follow from 0.208 mm, with which all of this was "
-        "computed: `Fin.hinge_stiffness` of the papers' two optima."
-    )
-    ours = f"{_hinge(1.9e9, 0.08):.3g} and {_hinge(7.55e9, 0.14):.3g} N m"
-    table.append(Row("hinge stiffness at the two optima", "1.35e-3 and 1.73e-3 N m", "the same", ours, remark))
+        ours = _ours(results, "shape", on_shape)
+        remark = f"{ours[1]} The papers state neither drag nor mass."
+        table.append(Row("shape and E together", "7.55 GPa, 14 x 1.43 cm, 2.2 cm/s", "the same", ours[0], remark))
+    if "landscape" in done:
+        table.append(_ridge_row(_of(results, "landscape")[0]))
+    if "cma" in done:
+        ours = _ours(results, "cma", on_shape)
+        table.append(Row("the same by CMA-ES", "-", "-", ours[0], f"{ours[1]} The yardstick, not in the papers."))
+    prototype = f"{_PROTOTYPE * CENTI:.1f} cm/s"
+    remark = "Measured: a simulation cannot repeat it. It is drawn in figure 6."
+    table.append(Row("prototype: peak speed", prototype, prototype, "not simulated", remark))
+    table.append(_hinge_row())
     return table
 
 
-def _search_rows(results: Mapping[Run, Table], experiment: str, quantity: str, paper: str, clark: str) -> list[Row]:
+def _peak_row(quantity: str, published: Sequence[tuple[float, float]], table: Table, remark: str) -> Row:
+    """Return the peak of a curve over E beside the papers'."""
+    paper, clark = (f"{speed * CENTI:.1f} cm/s at {modulus * GIGA:.1f} GPa" for speed, modulus in published)
+    peak = best(table)
+    if np.isnan(peak["speed"]):
+        return Row(quantity, paper, clark, "no fin swam", remark)
+    ours = f"{peak['speed'] * CENTI:.2f} cm/s at {peak['young_modulus'] * GIGA:.2f} GPa"
+    if peak["young_modulus"] in {table["young_modulus"].min(), table["young_modulus"].max()}:
+        ours += ", an end of the range"
+    speed = " and ".join(_beside(peak["speed"], theirs) for theirs, _ in published)
+    modulus = " and ".join(_beside(peak["young_modulus"], theirs) for _, theirs in published)
+    compared = f"Beside the paper and 2012 ours is {speed} in speed, {modulus} in E."
+    return Row(quantity, paper, clark, ours, f"{compared} {remark}")
+
+
+def _ours(results: Mapping[Run, Table], experiment: str, known: Sequence[str]) -> tuple[str, str]:
+    """Return what the runs of an experiment found, and how many of them came to the highest speed known.
+
+    Args:
+        results: The tables.
+        experiment: The runs.
+        known: The experiments on fins of the same kind, which say what speed is known.
+    """
     found = _bests(results, experiment)
-    stiffness, speed = _spread(found["young_modulus"], "GPa", GIGA), _spread(found["speed"], "cm/s", CENTI)
-    ours = f"{stiffness}, {speed}, {len(found['speed'])} runs"
-    remark = (
-        "Every run ends at the peak of our landscape. The paper's own curve peaks at 0.9 GPa while its searches end at "
-        "1.6 to 1.7: searches that maximise that curve cannot."
-    )
-    return [Row(quantity, paper, clark, ours, remark)]
+    count = len(found["speed"])
+    swam = {name: column[np.isfinite(found["speed"])] for name, column in found.items()}
+    swims = _span(np.array([len(table["speed"]) for table in _of(results, experiment)]), "swims", digits=9)
+    size = f"{count} runs of {swims}"
+    if not len(swam["speed"]):
+        return f"no fin swam in {size}", ""
+    parts = [_spread(swam["young_modulus"], "GPa", GIGA)]
+    if np.ptp(np.concatenate([table["length"] for table in _of(results, experiment)])) > 0.0:
+        parts.append(_spread(swam["length"], "cm long", CENTI))
+    ours = ", ".join((*parts, _spread(swam["speed"], "cm/s", CENTI), size))
+    bests = [best(table)["speed"] for name in known for table in _of(results, name)]
+    peak = max(speed for speed in bests if np.isfinite(speed))
+    there = swam["speed"] >= (1.0 - _AT_THE_PEAK) * peak
+    reached = f"{np.count_nonzero(there)} of {count} runs end within {_AT_THE_PEAK:.0%} of the highest speed known"
+    told = [f"{reached}, {peak * CENTI:.3g} cm/s"]
+    if not there.all():
+        speed, modulus = (swam[name][~there] for name in ("speed", "young_modulus"))
+        told.append(f"{len(speed)} at {_span(speed, 'cm/s', CENTI)}, E {_span(modulus, 'GPa', GIGA)}")
+    if len(there) < count:
+        told.append(f"in {count - len(there)} no fin swam")
+    return ours, "; ".join(told) + "."
 
 
-def _shape_rows(results: Mapping[Run, Table]) -> list[Row]:
-    found = _bests(results, "shape")
-    ours = (
-        f"{_spread(found['young_modulus'], 'GPa', GIGA)}, {_spread(found['length'], 'cm long', CENTI)}, "
-        f"{_spread(found['speed'], 'cm/s', CENTI)}, {len(found['speed'])} runs"
-    )
+def _ridge_row(landscape: Table) -> Row:
+    """Return the best E of the longest fin, and what the best of each length have in common."""
+    lengths = np.unique(landscape["length"])
+    ridge = [best({name: of[landscape["length"] == length] for name, of in landscape.items()}) for length in lengths]
+    longest, swam = ridge[-1], [row for row in ridge if np.isfinite(row["speed"])]
+    quantity, paper = f"best E of the {lengths[-1] * CENTI:.3g} cm fin", _OPTIMA[1][0]
+    theirs = f"{paper * GIGA:.2f} GPa"
+    if not swam:
+        return Row(quantity, theirs, theirs, "no fin swam", "")
+    hinges = np.array([_hinge(row["young_modulus"], row["length"]) for row in swam])
+    speeds = np.array([row["speed"] for row in swam])
     remark = (
-        "Along a ridge of nearly constant hinge stiffness the speed hardly changes with length, so its summit follows "
-        "small differences in drag and mass, which the papers do not state."
+        f"The fastest fin of each length, {_span(np.array([row['length'] for row in swam]), 'cm', CENTI)}, swims "
+        f"{_span(speeds, 'cm/s', CENTI)}, with hinges of {_span(hinges, 'N m')}."
     )
-    table = [Row("shape and E together", "7.55 GPa, 14 x 1.43 cm, 2.2 cm/s", "the same", ours, remark)]
-    if any(run.experiment == "landscape" for run in results):
-        landscape = _of(results, "landscape")[0]
-        longest = landscape["length"] == landscape["length"].max()
-        ridge = best({name: column[longest] for name, column in landscape.items()})
-        summit = best(landscape)["speed"]
-        ours = f"{ridge['speed'] * CENTI:.2f} cm/s at {ridge['young_modulus'] * GIGA:.2f} GPa"
-        remark = (
-            f"At the paper's length of {SHAPE_LENGTH[1] * CENTI:.0f} cm our best E is near the paper's, and its speed "
-            f"is {ridge['speed'] / summit:.0%} of our summit."
-        )
-        table.append(Row("best E of the 14 cm fin", "7.55 GPa", "7.55 GPa", ours, remark))
-    if any(run.experiment == "cma" for run in results):
-        cma = _bests(results, "cma")
-        swims = len(_of(results, "cma")[0]["speed"])
-        genetic = len(_of(results, "shape")[0]["speed"])
-        ours = f"{_spread(cma['speed'], 'cm/s', CENTI)} in {swims} swims a run (genetic algorithm: {genetic})"
-        table.append(Row("the same by CMA-ES", "-", "-", ours, "The yardstick, not in the papers."))
-    return table
+    if np.isnan(longest["speed"]):
+        return Row(quantity, theirs, theirs, "no fin swam", remark)
+    ours = f"{longest['speed'] * CENTI:.2f} cm/s at {longest['young_modulus'] * GIGA:.2f} GPa"
+    share = f"{longest['speed'] / speeds.max():.0%} of the fastest of all"
+    return Row(quantity, theirs, theirs, ours, f"E {_beside(longest['young_modulus'], paper)}; {share}. {remark}")
+
+
+def _hinge_row() -> Row:
+    thickness = Fin().thickness
+    hinges = [_hinge(*optimum) for optimum in _OPTIMA]
+    remark = (
+        f"`Fin.hinge_stiffness` of the papers' two optima {thickness * 1e3:.3g} mm thick, with which all of this was "
+        f"computed. Equation 3 with the stated {_STATED_THICKNESS * 1e3:g} mm gives "
+        f"{(_STATED_THICKNESS / thickness) ** 3:.0f} times as much."
+    )
+    theirs, ours = (" and ".join(f"{value:.2e}" for value in values) + " N m" for values in (_HINGES, hinges))
+    return Row("hinge stiffness at the two optima", theirs, "the same", ours, remark)
 
 
 def markdown(study: Study, results: Mapping[Run, Table]) -> str:
