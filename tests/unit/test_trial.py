@@ -181,7 +181,7 @@ SILENT_PLANT = [
     ("start the gait", 5.0, "the gait on topic /fish/gait had no effect: topic /fish/plant_state says READY; nobody"),
     ("settle", 5.0, "no message on topic /fish/velocity"),
     ("measure", 5.0, "no message on topic /fish/velocity after 2.00 s of the swim"),
-    ("stop the gait", 5.0, "the gait is off, but topic /fish/plant_state says SWIMMING"),
+    ("stop the gait", 15.0, "the gait is off, but topic /fish/plant_state says SWIMMING"),
 ]
 
 

@@ -15,6 +15,7 @@ from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Protocol
 
 from fin_plant import checks
+from fin_plant.gait import LONGEST_RAMP
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
@@ -486,7 +487,9 @@ class Trial:
         """Return the seconds that the phase may last without progress, 0 for no limit."""
         if phase.patience == "plant" and facts.plant is not None and facts.plant.waits_for_people:
             return self._timeouts.people
-        return float(getattr(self._timeouts, phase.patience))
+        limit = float(getattr(self._timeouts, phase.patience))
+        # A robot's tail is led to neutral as slowly as its joints are.
+        return limit + LONGEST_RAMP if phase.action is Action.GAIT_OFF and _is(facts, State.SWIMMING) else limit
 
 
 def _because(plant: PlantState) -> str:
