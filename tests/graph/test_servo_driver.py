@@ -187,7 +187,7 @@ def test_a_stale_command_times_out_to_neutral_and_then_no_pulse(
     assert 0.5 < time.monotonic() - silent_since < 1.5
     assert recorder(port).widths[-3:] == [1500.0] * 3
     state = client.wait_for_state(State.READY)
-    assert "no fresh gait within command_timeout" in state.reason
+    assert "no fresh gait within command_timeout: nothing came on topic /fish/gait, which /fish/" in state.reason
     assert client.received(topics.GAIT_APPLIED)[-1].data[0] == 0.0
     sent = len(recorder(port).widths)
     client.spin(1.0)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from fin_plant.discovery import End, Sight, around, no_service, nobody_hears, nothing_on, request
+from fin_plant.discovery import End, Sight, around, no_fresh_gait, no_service, nobody_hears, nothing_on, request
 
 STATE = "diagnostic_msgs/msg/DiagnosticStatus"
 TWIST, POSE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/PoseStamped"
@@ -125,3 +125,19 @@ def test_a_service_of_another_namespace_is_named_with_what_to_do() -> None:
     said = no_service("/fish/optimizer/start", sight, advice="give --namespace {namespace}")
     assert said == "nobody offers service /fish/optimizer/start; offered is /a/optimizer/start: give --namespace /a"
     assert "no other node is seen at all" in no_service("/fish/optimizer/start", Sight())
+
+
+@pytest.mark.parametrize(
+    ("publishers", "refusals", "said"),
+    [
+        ([], [], "nobody publishes topic /fish/gait any more"),
+        ([End("/me", "x")], [], "nothing came on topic /fish/gait, which /me publishes"),
+        ([End("/me", "x")], ["too small", "amplitude is nan"], "2 came and were refused: amplitude is nan"),
+        ([], ["amplitude is nan"], "1 came and was refused: amplitude is nan"),
+    ],
+)
+def test_a_gait_that_stopped_is_told_from_one_that_is_refused(
+    publishers: list[End], refusals: list[str], said: str
+) -> None:
+    text = no_fresh_gait("/fish/gait", publishers, len(refusals), refusals[-1] if refusals else "")
+    assert text == f"no fresh gait within command_timeout: {said}"

@@ -78,7 +78,8 @@ def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
             msg = f"plant_state SWIMMING has {_STAMP_KEY} = {stamp!r}, needed is the plant's time in ns at its start"
             raise ScoreError(msg) from None
     if len(starts) != 1:
-        msg = f"plant_state tells {len(starts)} starts of a swim, needed is one: the bag holds no whole trial"
+        what = "the bag holds more than one swim" if starts else "no swim begins in the bag"
+        msg = f"plant_state tells {len(starts)} starts of a swim, needed is one: {what}"
         raise ScoreError(msg)
     return starts.pop()
 

@@ -117,6 +117,23 @@ def nobody_hears(name: str, offered: End, listeners: Sequence[End]) -> str:
     return "; ".join(deaf)
 
 
+def no_fresh_gait(name: str, publishers: Sequence[End], refused: int, refusal: str) -> str:
+    """Return why a plant has had no fresh gait within its timeout.
+
+    Args:
+        name: Full name of the gait's topic.
+        publishers: Who publishes it now.
+        refused: Number of gaits that came since the one that was followed, and were refused.
+        refusal: Why the last of them was.
+    """
+    said = "no fresh gait within command_timeout"
+    if refused:
+        return f"{said}: {refused} came and {'was' if refused == 1 else 'were'} refused: {refusal}"
+    if not publishers:
+        return f"{said}: nobody publishes topic {name} any more"
+    return f"{said}: nothing came on topic {name}, which {', '.join(end.shown for end in publishers)} publishes"
+
+
 def around(sight: Sight) -> str:
     """Return which other nodes are seen, and how far this process sees."""
     settings, where = _reach(sight.environment)

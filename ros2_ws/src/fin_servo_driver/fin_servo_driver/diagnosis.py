@@ -28,16 +28,27 @@ class Counters:
         refused: Gaits that were not followed.
         clamped: Gaits that were followed inside a limit.
         last_refusal: Why the last one was refused.
+        refused_since: Gaits that were refused since the last one that was followed, as long as the tail followed it.
+        refusal_since: Why the last of these was.
     """
 
     refused: int = 0
     clamped: int = 0
     last_refusal: str = ""
+    refused_since: int = 0
+    refusal_since: str = ""
 
-    def refuse(self, reason: str) -> None:
-        """Note a refused gait."""
+    def refuse(self, reason: str, *, follows: bool = False) -> None:
+        """Note a refused gait, and whether the tail still follows another one."""
         self.refused += 1
+        if follows:
+            self.refused_since += 1
+            self.refusal_since = reason
         self.last_refusal = reason
+
+    def follow(self) -> None:
+        """Note a gait that is followed."""
+        self.refused_since = 0
 
     def clamp(self, *, changed: bool) -> None:
         """Note whether a limit has changed a gait."""

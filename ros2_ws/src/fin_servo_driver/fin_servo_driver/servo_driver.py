@@ -16,6 +16,7 @@ from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the anno
 from std_srvs.srv import Trigger
 
 from fin_plant import node_process, topics
+from fin_plant.discovery import ends_of, no_fresh_gait
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, Fin
 from fin_plant.gait import Gait
 from fin_plant.messages import (
@@ -63,7 +64,6 @@ _TAKE_SECONDS = 0.3
 _ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
 _NICE = -10
 _PSEUDO_TERMINALS = "/dev/pts/"
-_TIMED_OUT = "no fresh gait within command_timeout: the tail returned to neutral"
 _NOT_STARTED = f"the tail did not start within {_TAKE_SECONDS:g} s: the device answers too slowly"
 
 
@@ -377,7 +377,8 @@ class ServoDriver:
         try:
             gait = self._accepted(gait_from_message(message))
         except (ValueError, DeviceError) as error:
-            self._counters.refuse(str(error))
+            follows = self._io is not None and self._io.health.phase is Phase.FOLLOWING
+            self._counters.refuse(str(error), follows=follows)
             self._log.warning(f"gait refused: {error}", throttle_duration_sec=1.0)
             return
         if gait is None:
@@ -385,6 +386,7 @@ class ServoDriver:
         beats = self._sent is not None and self._sent.gait.moves
         if self._sent is None or not self._sent.gait.same_as(gait):
             self._gait_since = now
+        self._counters.follow()
         self._sent = Command(gait, now, self._gait_since)
         self._need_io().mailbox.put(self._sent)
         since = self._states.swimming_since
@@ -483,10 +485,16 @@ class ServoDriver:
         io.stop_tail()  # it may be about to start: what is said of it here must stay true
         reason = io.health.refusal
         if not reason and self._sent.gait.moves and self._states.swimming_since is not None and io.health.connected:
-            reason = _TIMED_OUT if self._followed else _NOT_STARTED
+            reason = self._no_fresh_gait() if self._followed else _NOT_STARTED
         if reason:
             self._log.warning(reason)
         self._rest(reason)
+
+    def _no_fresh_gait(self) -> str:
+        topic = self.node.resolve_topic_name(topics.GAIT.name)
+        publishers = ends_of(self.node.get_publishers_info_by_topic(topic))
+        said = no_fresh_gait(topic, publishers, self._counters.refused_since, self._counters.refusal_since)
+        return f"{said}; the tail returned to neutral"
 
     def _publish_joint_states(self, io: IoThread) -> None:
         if not io.samples:

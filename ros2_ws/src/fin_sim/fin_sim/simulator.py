@@ -15,6 +15,7 @@ from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the anno
 from std_srvs.srv import Trigger
 
 from fin_plant import node_process, topics, validity
+from fin_plant.discovery import ends_of, no_fresh_gait
 from fin_plant.fin import PLANT_PARAMETERS, Fin
 from fin_plant.gait import Gait, GaitFollower
 from fin_plant.messages import (
@@ -132,6 +133,7 @@ class Simulator:
         self._swum = self._largest_hinge_angle = 0.0
         self._rejected = 0
         self._rejection = ""
+        self._rejected_before = 0
         self._last_gait = -math.inf
         self._held_since: float | None = None
         self._backlog = 0
@@ -211,6 +213,7 @@ class Simulator:
             self.node.get_logger().warning(f"gait refused: {error}", throttle_duration_sec=1.0)
             return
         self._last_gait = time.monotonic()
+        self._rejected_before = self._rejected
         self._at_rest = self._at_rest and not limited.moves
         if limited.moves and self._state is not State.SWIMMING:
             self._set_state(State.SWIMMING)
@@ -228,13 +231,19 @@ class Simulator:
         response.message = "the fish is at rest at the origin"
         return response
 
+    def _no_fresh_gait(self) -> str:
+        topic = self.node.resolve_topic_name(topics.GAIT.name)
+        publishers = ends_of(self.node.get_publishers_info_by_topic(topic))
+        said = no_fresh_gait(topic, publishers, self._rejected - self._rejected_before, self._rejection)
+        return f"{said}; the tail returns to neutral"
+
     # -- work --------------------------------------------------------------------------------------------------------
 
     def step(self) -> float:
         """Compute and publish what is due; return how long the executor may wait."""
         if self._state is State.SWIMMING and self._commander_is_silent():
             self._follower.stop(self._fish_time)
-            self._set_state(State.READY, "no fresh gait within command_timeout: the tail returns to neutral")
+            self._set_state(State.READY, self._no_fresh_gait())
             self.node.get_logger().warning(self._reason)
             self._publish_gait_applied()
         self._wait_for_listeners()
