@@ -51,7 +51,7 @@ class Written:
     """What was handed to the line at once.
 
     Attributes:
-        at: s at which it was.
+        at: s at which it was, or, on its way, s at which its last byte is through.
         data: The bytes.
     """
 
@@ -64,8 +64,10 @@ class Wire:
 
     Attributes:
         device: On its other end.
+        opened: s at which it was.
         log: What was handed over, in order.
-        before: Called before anything is done on the line, with what it is: "write", "read" or "behind".
+        lost: What is raised from now on, as if the cable was out.
+        touched: Called after each write, and before each read.
         outputs: Each change of what the device does, with the time at which the byte that made it was through.
     """
 
@@ -73,74 +75,85 @@ class Wire:
         """Open it; 0 baud carry everything at once."""
         self.device = device
         self.log: list[Written] = []
-        self.before: Callable[[str], object] = lambda _: None
+        self.touched: Callable[[], object] = lambda: None
         self.outputs: list[tuple[float, dict[int, float | None]]] = []
         self.lost: Exception | None = None
         self._clock = clock
         self._seconds_a_byte = _BITS_A_BYTE / baud if baud else 0.0
-        self._going: deque[tuple[float, int]] = deque()
-        self._coming: deque[tuple[float, int]] = deque()
+        self._going: deque[Written] = deque()
+        self._coming: deque[Written] = deque()
         self._longest = 1
         now = clock.monotonic()
+        self.opened = now
         self._comes(device.opened(now), now)
+        self.outputs.append((now, dict(device.outputs)))
 
     def write(self, data: bytes) -> None:
         """Take bytes; each is through when those before it are."""
-        self.before("write")
         if self.lost is not None:
             raise self.lost
         now = self._clock.monotonic()
         self._pass(now)
         self.log.append(Written(now, data))
         self._longest = max(self._longest, len(data))
-        at = max(now, self._going[-1][0] if self._going else now)
-        for byte in data:
-            at += self._seconds_a_byte
-            self._going.append((at, byte))
+        begin = max(now, self._going[-1].at if self._going else now)
+        self._going.append(Written(begin + len(data) * self._seconds_a_byte, data))
         self._pass(now)
+        self.touched()
 
     def read(self, timeout: float) -> bytes:
         """Return what has come, as soon as anything has; empty after ``timeout`` s."""
-        self.before("read")
+        self.touched()
         if self.lost is not None:
             raise self.lost
         deadline = self._clock.monotonic() + timeout
         while True:
             now = self._clock.monotonic()
             self._pass(now)
-            came = bytearray()
-            while self._coming and self._coming[0][0] <= now:
-                came.append(self._coming.popleft()[1])
+            came = b""
+            while self._coming and self._coming[0].at <= now:
+                came += self._coming.popleft().data
             if came or now >= deadline:
-                return bytes(came)
-            events = [way[0][0] for way in (self._going, self._coming) if way]
+                return came
+            events = [way[0].at for way in (self._going, self._coming) if way]
             self._clock.sleep(min([*events, deadline]) - now)
 
     def _pass(self, now: float) -> None:
         """Let the device take what is through by ``now`` s."""
-        while self._going and self._going[0][0] <= now:
-            at, byte = self._going.popleft()
-            before = dict(self.device.outputs)
-            self._comes(self.device.feed(bytes((byte,)), at), at)
-            if before != self.device.outputs:
-                self.outputs.append((at, dict(self.device.outputs)))
+        while self._going and self._going[0].at <= now:
+            self._take(self._going.popleft())
         self.device.tick(now)
 
+    def _take(self, frame: Written) -> None:
+        before = dict(self.device.outputs)
+        if answer := self.device.feed(frame.data, frame.at):
+            self._comes(answer, frame.at)
+        if before != self.device.outputs:
+            self.outputs.append((frame.at, dict(self.device.outputs)))
+
     def _comes(self, data: bytes, at: float) -> None:
-        at = max(at, self._coming[-1][0] if self._coming else at)
-        for byte in data:
-            at += self._seconds_a_byte
-            self._coming.append((at, byte))
+        begin = max(at, self._coming[-1].at if self._coming else at)
+        self._coming.append(Written(begin + len(data) * self._seconds_a_byte, data))
+
+    def discard(self) -> None:
+        """Take back what has not gone out; a frame of which some bytes have is cut."""
+        now = self._clock.monotonic()
+        self._pass(now)
+        if self._going and self._seconds_a_byte:
+            cut = self._going[0]
+            left = min(len(cut.data), int((cut.at - now) / self._seconds_a_byte))  # the byte under way goes out whole
+            self._going = deque([Written(cut.at - left * self._seconds_a_byte, cut.data[: len(cut.data) - left])])
 
     def is_behind(self) -> bool:
         """Whether too many bytes wait to go out."""
-        self.before("behind")
-        self._pass(self._clock.monotonic())
-        return len(self._going) > FRAMES_WAITING * self._longest
+        now = self._clock.monotonic()
+        self._pass(now)
+        waiting = (self._going[-1].at - now) / self._seconds_a_byte if self._going and self._seconds_a_byte else 0.0
+        return waiting > FRAMES_WAITING * self._longest
 
     def drain(self, timeout: float) -> None:
         """Wait until everything is out, at most so many s."""
-        left = self._going[-1][0] - self._clock.monotonic() if self._going else 0.0
+        left = self._going[-1].at - self._clock.monotonic() if self._going else 0.0
         self._clock.sleep(min(max(left, 0.0), timeout))
         self._pass(self._clock.monotonic())
 

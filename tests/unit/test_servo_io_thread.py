@@ -383,6 +383,9 @@ class Broken:
     def is_behind(self) -> bool:
         return self.behind
 
+    def discard(self) -> None:
+        """Nothing waits."""
+
     def drain(self, timeout: float) -> None:
         del timeout
 

@@ -456,6 +456,10 @@ class IoThread:
     def _connect(self) -> None:
         line = StoppableLine(self._open_line(), self._stop)
         try:
+            if self._was_identified and self._backend.can_be_disabled_unseen:
+                # It may have kept its power, and what it was told last; to identify it may take half a second.
+                with contextlib.suppress(LineStalledError):
+                    self._backend.disable(line)
             identity = self._backend.identify(line)
             self._disable(line)  # whatever an earlier driver, or this one before the cable was out, has left
         except BaseException as error:
@@ -463,7 +467,7 @@ class IoThread:
             # driver has left either. Otherwise a device that has never been the right one is left alone.
             cut = isinstance(error, StopAskedError) and not self._is_ending
             if self._was_identified or cut:
-                self._attempt(lambda: self._disable(line.raw))
+                self._cut(line.raw)
             line.raw.close()
             raise
         self._line = line
@@ -501,7 +505,13 @@ class IoThread:
         """Disable straight through the port; a failure is reported, and it is tried again at the next tick."""
         line = self._line
         if line is not None:
-            self._attempt(lambda: self._disable(line.raw))
+            self._cut(line.raw)
+
+    def _cut(self, line: OpenLine) -> None:
+        """Take the force away before anything that still waits in the port, where the device stands a frame cut so."""
+        if self._backend.takes_cut_frames:
+            self._attempt(lambda: line.discard())  # noqa: PLW0108 - a line without it is a failure like any
+        self._attempt(lambda: self._disable(line))
 
     def _attempt(self, work: Callable[[], None]) -> None:
         """Do it; report a failure of any kind."""

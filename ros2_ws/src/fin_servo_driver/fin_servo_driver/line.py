@@ -52,6 +52,9 @@ class OpenLine(Line, Protocol):
     def is_behind(self) -> bool:
         """Whether too many bytes wait to go out."""
 
+    def discard(self) -> None:
+        """Take back what still waits to go out; of what is under way a part may be left, cut anywhere."""
+
     def drain(self, timeout: float) -> None:
         """Wait until everything is out, at most so many s."""
 

@@ -113,6 +113,11 @@ class SerialLine:
         except _GONE as error:
             raise LineLostError(self._lost(error)) from error
 
+    def discard(self) -> None:
+        """Take back what still waits to go out; a frame may be cut."""
+        with contextlib.suppress(*_GONE, AttributeError, NotImplementedError):
+            self._serial.reset_output_buffer()
+
     def drain(self, timeout: float) -> None:
         """Wait until everything is out, at most ``timeout`` s."""
         deadline = time.monotonic() + timeout

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 BITS_A_BYTE = 10
 """On the line, with a start bit and a stop bit."""
+FRAMES_WAITING = 2
+"""Frames of a relay that may wait on the line when one switches on."""
 
 
 ONLY_AN_ECHO = "only an echo of what was sent came back: the adapter hears itself, and no device on its wires answers"
@@ -106,6 +108,9 @@ class Backend(ABC):
     options: ClassVar[tuple[str, ...]] = ()
     measures: ClassVar[bool] = False
     """Whether `read` tells where the servos stand."""
+    takes_cut_frames: ClassVar[bool] = False
+    """Whether `disable` works right behind a frame that ends anywhere, and such a frame does no harm: what waits in the
+    port's buffer is then taken back before a stop."""
     confirms: ClassVar[bool] = False
     """Whether `disable` returns only once the device has answered that it took it."""
 
@@ -116,6 +121,7 @@ class Backend(ABC):
             ValueError: Joints, channels, ranges or options that the device cannot have.
         """
         self.robot = robot
+        self.can_be_disabled_unseen = True  # before `identify`, where it is known to be on this port
         kind = "servos" if robot.servos else "relays"
         if kind != self.drives:
             msg = f"device {robot.device} drives {self.drives}, and joints describes {kind}"
@@ -200,13 +206,14 @@ class RelayBackend(Backend):
         """Switch what has changed: first off, then on.
 
         A relay goes off only when it was on for its shortest time, and comes on only a dead time after its partner's
-        "off"; what has to wait is tried again at the next call.
+        "off" and while few frames wait on the line: those of a stop would wait behind them. What has to wait is tried
+        again at the next call.
         """
         changed = {channel: value for channel, value in outputs.items() if self._on.get(channel) != value}
         ends = [channel for channel, value in changed.items() if value <= 0.0 and self._was_on_long_enough(channel)]
         self._switch_off(line, ends)
         for channel, value in changed.items():
-            if value > 0.0 and self._partner_rests(channel):
+            if value > 0.0 and self._partner_rests(channel) and not self._line_is_full():
                 self._on.pop(channel, None)  # not known until the frame is out
                 self.switch(line, channel, on=True)
                 self._on[channel] = value
@@ -224,6 +231,10 @@ class RelayBackend(Backend):
         seconds = self.frame_bytes * BITS_A_BYTE / (self.robot.baud or self.baud)
         self._line_free_at = max(self._line_free_at, time.monotonic()) + seconds
         return self._line_free_at
+
+    def _line_is_full(self) -> bool:
+        seconds = FRAMES_WAITING * self.frame_bytes * BITS_A_BYTE / (self.robot.baud or self.baud)
+        return self._line_free_at - time.monotonic() > seconds
 
     def _partner_rests(self, channel: int) -> bool:
         partner = self._partner[channel]

@@ -8,7 +8,9 @@ just now. It tells the state of a pin (F0 6E pin mode state F7) when asked for i
 of a reset: `disable` is repeated.
 
 Between F0 and F7 (a sysex message) the firmware takes every byte for data, FF too, and the 65th overruns its memory. A
-message whose F7 was lost must not do that: what is written begins with F7, which outside a message means nothing.
+message whose F7 was lost must not do that: what is written begins with F7, which outside a message means nothing. So a
+frame may also be cut anywhere: each other message begins with its command's byte, at which the firmware forgets what
+it has of the one before.
 """
 
 from __future__ import annotations
@@ -143,6 +145,7 @@ class Firmata(Backend):
     highest = HIGHEST_MICROSECONDS
     rate = 50.0
     baud = 57600
+    takes_cut_frames = True
 
     def __init__(self, robot: Robot) -> None:
         """Take the robot's joints.
@@ -158,6 +161,7 @@ class Firmata(Backend):
                     f"{FIRST_PULSE} us, with which StandardFirmata starts every servo: turn the horn on its shaft"
                 )
                 raise ValueError(msg)
+        self.can_be_disabled_unseen = False  # its boot loader must not be spoken to
         self._parser = Parser()
         self._life = LifeSign(_ASK_EVERY, _SILENCE)
         self._identified = 0.0

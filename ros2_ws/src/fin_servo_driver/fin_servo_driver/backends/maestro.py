@@ -4,6 +4,9 @@ What only the device can know is where its channels stand (90 channel: two bytes
 frame; questions that are answered with one byte (93, whether a channel moves) and with two come in random order, so
 that neither an echo, nor the same answer for ever, nor answers recorded earlier fit them.
 
+What waits in the port at a stop is left there: a frame that is cut is a protocol error, at which a Maestro leads its
+channels to where its settings say ("On startup or error"), and that may be a motion.
+
 Its serial timeout is off unless it is set in the maker's Control Center; docs/robot.md has it on the checklist.
 """
 
@@ -122,6 +125,7 @@ class Maestro(Backend):
         in_a_row = used == list(range(used[0], used[0] + len(used)))
         self._together = model != "6" and in_a_row and len(used) > 1
         self._channels = used
+        self.can_be_disabled_unseen = not robot.options.get("detect_baud")  # then the first byte must be AA
         self._life = LifeSign(_ASK_EVERY, _SILENCE)
         self._random = random.SystemRandom()
         self._asked: list[int | None] = []  # one at most: a channel, or None for the errors
@@ -218,14 +222,18 @@ class Maestro(Backend):
 
     def _write_targets(self, line: Line, question: bytes, outputs: Outputs) -> None:
         quarters = {channel: round(width * QUARTERS) for channel, width in outputs.items()}
-        if self._together:
-            frames = targets(min(quarters), list(quarters.values()))
-        else:
-            frames = b"".join(target(channel, value) for channel, value in quarters.items())
-        line.write(question + frames)
+        self._write_frames(line, question, quarters)
         for channel, value in quarters.items():
             sent = self._sent.setdefault(channel, [])
             self._sent[channel] = [min([*sent, value]), max([*sent, value])]
+
+    def _write_frames(self, line: Line, question: bytes, quarters: dict[int, int]) -> None:
+        """Write a question, and targets for all channels, in one frame where the model has it."""
+        if self._together:
+            frames = targets(min(quarters), [quarters[channel] for channel in self._channels])
+        else:
+            frames = b"".join(target(channel, value) for channel, value in quarters.items())
+        line.write(question + frames)
 
     def disable(self, line: Line) -> None:
         """Stop the pulses, then have the device tell that no channel has any.
@@ -233,7 +241,7 @@ class Maestro(Backend):
         Raises:
             LineStalledError: One has, or the device does not tell.
         """
-        line.write(b"".join(target(channel, STOP_PULSES) for channel in self._channels))
+        self._write_frames(line, b"", dict.fromkeys(self._channels, STOP_PULSES))
         self._forget(line)
         positions = self._positions(line, _QUESTIONS_TO_CONFIRM, _TRIES_TO_CONFIRM)
         pulsing = sorted(channel for channel, position in positions.items() if position != STOP_PULSES)

@@ -1,6 +1,8 @@
-"""Modbus RTU relay boards (Modbus Application Protocol 1.1b3, sections 6.1 and 6.5).
+"""Modbus RTU relay boards (Modbus Application Protocol 1.1b3, sections 6.1, 6.5 and 6.11).
 
-Every frame is answered; the answer is awaited, since the next frame must not come before it.
+Every frame is answered; the answer is awaited, since the next frame must not come before it. Only a stop does not wait:
+one frame, function 0F, switches all relays off. A board knows where a frame ends by a pause, and on two wires it may be
+answering: so the frame goes out at once, and again when the line is quiet.
 
 The answer to function 05, write single coil, is the question itself: a two-wire adapter that hears itself gives it
 without a board. So it confirms nothing. What only the board can know is the state of its coils, function 01: the answer
@@ -19,6 +21,8 @@ from fin_servo_driver.backends.backend import NOTHING, ONLY_AN_ECHO, Feedback, L
 from fin_servo_driver.line import LineLostError, LineStalledError, WrongDeviceError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.set_points import Outputs
@@ -26,10 +30,12 @@ if TYPE_CHECKING:
 STANDARD_ON = 0xFF00
 CLONE_ON = 0x0100
 """What some clones take for on."""
-_READ_COILS, _WRITE_COIL, _EXCEPTION = 0x01, 0x05, 0x80
+_READ_COILS, _WRITE_COIL, _WRITE_COILS, _EXCEPTION = 0x01, 0x05, 0x0F, 0x80
 _EXCEPTION_BYTES, _WRITE_BYTES, _BESIDE_DATA = 5, 8, 5
 _COILS_A_BYTE = 8
 _ANSWER_SECONDS = 0.1
+_QUIET, _QUIET_WITHIN = 0.006, 0.05
+"""s without a byte, more than the 3.5 characters that end a frame at 9600 baud, and s in which that must have come."""
 _TRIES = 3
 _ASK_EVERY, _SILENCE = 1.0, 3.0
 _LOOK_EVERY = 0.1
@@ -59,6 +65,26 @@ def write_coil(unit: int, coil: int, value: int) -> bytes:
     return body + crc16(body)
 
 
+def write_coils_off(unit: int, first: int, count: int) -> bytes:
+    """Return the frame that writes 0 to coils in a row: ``unit 0F first count bytes 00 ... crc``."""
+    zeros = bytes(-(-count // _COILS_A_BYTE))
+    body = bytes((unit, _WRITE_COILS)) + first.to_bytes(2, "big") + count.to_bytes(2, "big")
+    body += bytes((len(zeros),)) + zeros
+    return body + crc16(body)
+
+
+def runs_of(channels: Iterable[int]) -> list[tuple[int, int]]:
+    """Return first channel and length of each run of neighbours."""
+    runs: list[tuple[int, int]] = []
+    for channel in sorted(channels):
+        first, count = runs[-1] if runs else (channel, 0)
+        if first + count == channel:
+            runs[-1:] = [(first, count + 1)]
+        else:
+            runs.append((channel, 1))
+    return runs
+
+
 def read_coils(unit: int, first: int, count: int) -> bytes:
     """Return the frame that asks for coils: ``unit 01 first count crc``."""
     body = bytes((unit, _READ_COILS)) + first.to_bytes(2, "big") + count.to_bytes(2, "big")
@@ -86,7 +112,7 @@ def _answer_bytes(head: bytes, function: int) -> int:
         return _EXCEPTION_BYTES
     if head[0] != function:
         return 0
-    if function == _WRITE_COIL:
+    if function in {_WRITE_COIL, _WRITE_COILS}:
         return _WRITE_BYTES
     return _BESIDE_DATA + head[1] if head[1] else 0
 
@@ -115,6 +141,9 @@ class Modbus(RelayBackend):
         self._first = min(used)
         self._count = max(used) - self._first + 1
         self._echoes = False
+        self._off_frames = [write_coils_off(self._unit, *run) for run in runs_of(used)]
+        self._together: bool | None = None
+        self._is_asking = False
         self._long_gets = _REFUSAL
         self._looked = 0.0
         self._unanswered = 0
@@ -124,6 +153,7 @@ class Modbus(RelayBackend):
         """Ask for the coils often enough that only something that understands the questions gives such answers."""
         self._life = LifeSign(_ASK_EVERY, _SILENCE)
         self._unanswered = 0
+        self._together = None
         self._echoes = False
         self._echoes = self._hears_itself(line)
         for left in reversed(range(_TRIES)):
@@ -248,17 +278,58 @@ class Modbus(RelayBackend):
     def disable(self, line: Line) -> None:
         """Switch all relays off, then have the board tell that they are.
 
+        Neighbours are switched by one frame, unless the board has refused it when it was told so first, before any of
+        its relays was on.
+
         Raises:
             LineStalledError: One is not, or the board does not tell.
         """
-        super().disable(line)
+        if self._together is not False:
+            self._switch_off_together(line)
+        if self._together is not True:
+            super().disable(line)
         channels = self._on.keys()
         still_on = sorted(self._told_coils(line, _QUESTIONS_TO_CONFIRM) & channels)
         if still_on:
+            self._switch_off(line, still_on)
             for channel in still_on:
                 del self._on[channel]
             msg = f"Modbus unit {self._unit} was told to switch off, and says that relays {still_on} are on"
             raise LineStalledError(msg)
+
+    def _switch_off_together(self, line: Line) -> None:
+        """Write 0 to all coils of the joints, once more if that may have met another frame.
+
+        Raises:
+            LineStalledError: No answer.
+        """
+        if self._is_asking:
+            for frame in self._off_frames:
+                line.write(frame)
+            self._await_quiet(line)
+        for frame in self._off_frames:
+            if self._ask_surely(line, frame)[1] != _WRITE_COILS:
+                self._together = False
+                return
+        self._together = True
+        now = time.monotonic()
+        for channel in self._partner:
+            if self._on.get(channel) != 0.0:
+                self._off_since[channel] = now
+            self._on[channel] = 0.0
+
+    def _await_quiet(self, line: Line) -> None:
+        deadline = time.monotonic() + _QUIET_WITHIN
+        while line.read(_QUIET) and time.monotonic() < deadline:
+            pass
+
+    def _ask_surely(self, line: Line, frame: bytes) -> bytes:
+        for _ in range(_TRIES):
+            answer, _ = self._ask(line, frame)
+            if answer is not None:
+                return answer
+        msg = f"Modbus unit {self._unit} did not answer to {frame.hex(' ')}; check the cable, and its power"
+        raise LineStalledError(msg)
 
     def read(self, line: Line) -> Feedback:
         """Look whether the relays stand as they were switched.
@@ -317,6 +388,7 @@ class Modbus(RelayBackend):
     def _ask(self, line: Line, frame: bytes) -> tuple[bytes | None, bytes]:
         """Return the answer, None without one, and all that came."""
         line.read(0.0)
+        self._is_asking = True  # until an answer has come, or none comes any more
         line.write(frame)
         heard = b""
         deadline = time.monotonic() + _ANSWER_SECONDS
@@ -325,5 +397,7 @@ class Modbus(RelayBackend):
             after_echo = heard.partition(frame)[2] if self._echoes else heard
             answer = answer_in(after_echo, frame)
             if answer is not None:
+                self._is_asking = False
                 return answer, heard
+        self._is_asking = False
         return None, heard

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 _LONGEST_MESSAGE = 64
+_MODBUS_BYTES = 8
+"""Of coils that are written at once."""
 _PINS = 20
 """Of an Uno."""
 _SYSEX_ROOM = 64
@@ -340,11 +342,16 @@ class SilentRelays(Relays):
 
 
 class Modbus(Relays):
-    """A Modbus RTU board with eight relays."""
+    """A Modbus RTU board with eight relays.
+
+    Attributes:
+        refuses_several: Whether it knows no function 0F, as cheap boards do.
+    """
 
     def __init__(self, unit: int) -> None:
         super().__init__()
         self._unit = unit
+        self.refuses_several = False
         self._waiting = bytearray()
         self.outputs = dict.fromkeys(range(8), 0.0)
 
@@ -353,12 +360,16 @@ class Modbus(Relays):
         del now
         self._waiting += data
         answer = b""
-        while len(self._waiting) >= 8:  # noqa: PLR2004 - both requests have eight bytes
-            frame = bytes(self._waiting[:8])
+        while len(self._waiting) >= 8:  # noqa: PLR2004 - the shortest request
+            writes_several = self._waiting[0] == self._unit and self._waiting[1] == 0x0F  # noqa: PLR2004
+            length = 9 + self._waiting[6] if writes_several and self._waiting[6] <= _MODBUS_BYTES else 8
+            if len(self._waiting) < length:
+                return answer
+            frame = bytes(self._waiting[:length])
             if frame[0] != self._unit or modbus.crc16(frame[:-2]) != frame[-2:]:
                 del self._waiting[:1]
                 continue
-            del self._waiting[:8]
+            del self._waiting[:length]
             self.frames += 1
             answer += self._execute(frame)
         return answer
@@ -369,6 +380,13 @@ class Modbus(Relays):
             self.outputs[coil] = float(frame[4] != 0)
             return frame
         count = int.from_bytes(frame[4:6], "big")
+        if frame[1] == 0x0F and self.refuses_several:  # noqa: PLR2004
+            body = bytes((self._unit, 0x8F, 0x01))
+            return body + modbus.crc16(body)
+        if frame[1] == 0x0F and count and coil + count <= len(self.outputs) and frame[6] == (count + 7) // 8:  # noqa: PLR2004
+            bits = int.from_bytes(frame[7:-2], "little")
+            self.outputs.update({coil + number: float(bits >> number & 1) for number in range(count)})
+            return frame[:6] + modbus.crc16(frame[:6])
         if frame[1] == 0x01 and count and coil + count <= len(self.outputs):
             bits = sum(1 << number for number in range(count) if self.outputs[coil + number])
             length = (count + 7) // 8

@@ -18,10 +18,18 @@ def crc16(data: bytes) -> int:
     """Return the CRC of protocol 2: polynomial 8005, from 0, most significant bit first."""
     value = 0
     for byte in data:
-        value ^= byte << 8
-        for _ in range(8):
-            value = (value << 1 ^ _POLYNOMIAL if value & 0x8000 else value << 1) & 0xFFFF
+        value = (value << 8 ^ _CRC_OF[value >> 8 ^ byte]) & 0xFFFF
     return value
+
+
+def _crc_of_byte(byte: int) -> int:
+    value = byte << 8
+    for _ in range(8):
+        value = (value << 1 ^ _POLYNOMIAL if value & 0x8000 else value << 1) & 0xFFFF
+    return value
+
+
+_CRC_OF = tuple(_crc_of_byte(byte) for byte in range(256))
 
 
 def encode(servo: int, instruction: int, parameters: bytes) -> bytes:
