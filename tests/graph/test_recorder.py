@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 import rclpy
+from geometry_msgs.msg import Twist
+from rclpy.qos import qos_profile_sensor_data
 
 from fin_optimizer.bag import BagError
 from fin_optimizer.bag_reader import read_bag, read_velocity
@@ -20,6 +22,7 @@ from fin_optimizer.recorder import Recorder
 from fin_optimizer.score import Measurement, score
 from fin_optimizer.score_bag import score_bag
 from fin_plant import topics
+from fin_plant.discovery import End, look_around
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -279,6 +282,28 @@ def test_publishers_that_offer_less_than_is_usual_are_recorded(
     if not late:
         offered = bag.offered("/fish/pose")
         assert (offered.reliability.name, offered.durability.name) == ("BEST_EFFORT", "VOLATILE")
+
+
+def test_what_others_publish_is_seen_with_its_type_and_quality_of_service(node: Node, ros_domain: int) -> None:
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=ros_domain)
+    other = rclpy.create_node("mocap", namespace="/tank", context=context)
+    hidden = rclpy.create_node("_hidden", context=context)
+    try:
+        node.create_publisher(topics.VELOCITY.type, "/tank/velocity", topics.VELOCITY.qos)
+        other.create_publisher(Twist, "/tank/velocity", qos_profile_sensor_data)
+        expected = [End("/tank/mocap", "geometry_msgs/msg/Twist", reliable=False)]
+
+        def arrived() -> bool:
+            sight = look_around(node)
+            return sight.publishers.get("/tank/velocity") == expected and sight.nodes == ["/tank/mocap"]
+
+        wait_until(arrived, 20, lambda: f"the other node, seen is {look_around(node)}")
+        assert "/tank/mocap/get_parameters" in look_around(node).services
+    finally:
+        for each in (other, hidden):
+            each.destroy_node()
+        rclpy.shutdown(context=context)
 
 
 def test_the_recorder_says_what_is_missing_and_refuses_wrong_use(node: Node, tmp_path: Path) -> None:
