@@ -107,7 +107,7 @@ def test_an_emergency_stop_costs_a_study_its_trial_and_nothing_else(
         assert client.emergency_stop(on=False).success
     assert study.wait(60.0) == 0
     trials = read_trials(folder)
-    assert [(trial.candidate, trial.outcome) for trial in trials] == [(0, Outcome.FAILED), (0, Outcome.OK)]
+    assert [(trial.candidate, trial.outcome) for trial in trials] == [(0, Outcome.INTERRUPTED), (0, Outcome.OK)]
     assert "the emergency stop is latched" in trials[0].reason
 
 

@@ -48,7 +48,8 @@ def test_a_kill_on_the_robots_path_stops_everything_and_the_study_goes_on_later(
     assert f"error: {victim} was killed by SIGKILL before the study did" in study.output()
     assert not [name for name, node in nodes.items() if Path(f"/proc/{node}").exists()], "something may still move"
     finished, interrupted = read_trials(folder)
-    assert (finished.outcome, interrupted.outcome) == (Outcome.OK, Outcome.FAILED)
+    assert finished.outcome is Outcome.OK
+    assert interrupted.outcome in {Outcome.FAILED, Outcome.INTERRUPTED}
     assert all(read_bag(folder / trial.bag).complete for trial in (finished, interrupted))
     assert start("fin_optimizer", "bringup", *words).wait(120) == 0
     again = read_trials(folder)

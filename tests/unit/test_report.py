@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 import pytest
 
 from fin_optimizer import progress, report
-from fin_optimizer.search import Dimension
-from fin_optimizer.study import Candidate, TrialRecord, candidates
+from fin_optimizer.search import Dimension, Space
+from fin_optimizer.study import Candidate, Settings, TrialRecord, candidates
 from fin_optimizer.trial import Outcome
+from fin_plant.fin import Fin
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 MODULUS = "fin.young_modulus"
 RANGE = Dimension(MODULUS, 0.5e9, 4e9, "Pa")
+SETTINGS = Settings(Space((RANGE,)))
 NOON = datetime(2026, 1, 2, 12, 0, 0, tzinfo=UTC)
 
 
@@ -31,7 +34,6 @@ def trial(
         values={MODULUS: modulus},
         outcome=outcome,
         reason=reason,
-        interrupted=False,
         score=score,
         spread=None if score is None else 0.001,
         cost=None,
@@ -56,7 +58,7 @@ def best() -> Candidate:
 
 
 def test_the_table_has_units_in_its_header_and_loses_no_digit() -> None:
-    rows = list(csv.DictReader(io.StringIO(report.trials_table(TRIALS, [RANGE]))))
+    rows = list(csv.DictReader(io.StringIO(report.trials_table(TRIALS, SETTINGS))))
     assert {"trial", "fin.young_modulus [Pa]", "speed [m/s]", "spread [m/s]", "started [UTC]"} <= set(rows[0])
     assert float(rows[1]["fin.young_modulus [Pa]"]) == TRIALS[1].values[MODULUS]
     assert float(rows[1]["speed [m/s]"]) == TRIALS[1].score
@@ -67,7 +69,7 @@ def test_the_table_has_units_in_its_header_and_loses_no_digit() -> None:
 
 
 def test_the_table_leaves_empty_what_is_not_known_and_gives_the_reason() -> None:
-    row = list(csv.DictReader(io.StringIO(report.trials_table(TRIALS, [RANGE]))))[2]
+    row = list(csv.DictReader(io.StringIO(report.trials_table(TRIALS, SETTINGS))))[2]
     assert (row["outcome"], row["speed [m/s]"], row["samples"]) == ("FAILED", "", "")
     assert row["reason"] == TRIALS[2].reason
 
@@ -75,8 +77,8 @@ def test_the_table_leaves_empty_what_is_not_known_and_gives_the_reason() -> None
 def test_a_table_is_replaced_as_a_whole(tmp_path: Path) -> None:
     path = tmp_path / report.CSV_FILE
     path.write_text("old")
-    report.write_table(path, TRIALS, [RANGE])
-    assert path.read_text() == report.trials_table(TRIALS, [RANGE])
+    report.write_table(path, TRIALS, SETTINGS)
+    assert path.read_text() == report.trials_table(TRIALS, SETTINGS)
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -111,9 +113,9 @@ def test_away_from_a_terminal_there_is_one_line_a_trial() -> None:
     shown.end(TRIALS[2], 2, best())
     shown.close()
     first, second = stream.getvalue().splitlines()
-    assert first.startswith("trial 0000     1/30  E 3 GPa  1.800 cm/s  (best 1.800 cm/s at E 3 GPa, 0:00 left)")
-    assert "trial 0002     3/30  E 2 GPa  FAILED: no message on topic" in second
-    assert "(best 2.905 cm/s at E 1.1 GPa, " in second
+    assert first.startswith("trial 0000  fin  1 of 30  E 3 GPa  1.800 cm/s  (best 1.800 cm/s at E 3 GPa)")
+    assert "trial 0002  fin  3 of 30  E 2 GPa  FAILED: no message on topic" in second
+    assert "(best 2.905 cm/s at E 1.1 GPa)" in second
 
 
 def test_on_a_terminal_of_80_columns_a_live_line_shows_trial_modulus_speed_best_and_time_left(
@@ -133,15 +135,90 @@ def test_on_a_terminal_of_80_columns_a_live_line_shows_trial_modulus_speed_best_
     shown.begin(TRIALS[1])
     shown.show("measure", "3 s")
     text = stream.getvalue()
-    for part in ("2/30", "E 1.1 GPa", "last 1.800 cm/s", "best 1.800 cm/s at E 3 GPa", "0:00 left"):
+    for part in ("fin  2 of 30", "E 1.1 GPa", "last 1.800 cm/s", "best 1.800 cm/s at E 3 GPa"):
         assert part in text
     shown.end(TRIALS[2], 2, best())
     shown.close()
     text = stream.getvalue()
-    for line in ("trial 0000     1/30  E 3 GPa  1.800 cm/s", "trial 0002     3/30  E 2 GPa  FAILED: no message"):
+    for line in (
+        "trial 0000  fin  1 of 30  E 3 GPa  1.800 cm/s",
+        "trial 0002  fin  3 of 30  E 2 GPa  FAILED: no message",
+    ):
         assert line in text, "each trial stays on the screen"
 
 
-@pytest.mark.parametrize(("seconds", "text"), [(5.4, "0:05"), (125.0, "2:05"), (3725.0, "1:02:05")])
-def test_durations_are_shown_as_a_clock_shows_them(seconds: float, text: str) -> None:
-    assert progress.show_time(seconds) == text
+@pytest.mark.parametrize("width", [100, 80, 60, 40, 20])
+@pytest.mark.parametrize("length", [{}, {"fin.length": 0.07345}])
+def test_a_live_line_fits_its_terminal_and_cuts_no_number(width: int, length: dict[str, float]) -> None:
+    values = report.show_values({MODULUS: 1.131e9, **length})
+    texts = ("fin 12 of 30", values, "measure 9 s", f"best 2.903 cm/s at {values}", "about 25 min left")
+    line = progress.live_line(width, *texts)
+    assert len(line) <= width
+    assert "12 of 30" in line
+    assert all(part in {*texts, "best 2.903 cm/s"} for part in line.split("  "))
+    assert ("2.903 cm/s" in line) == (width > 20), "the best is the last to go"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.2, "about 10 s"),
+        (44.0, "about 40 s"),
+        (125.0, "about 2 min"),
+        (1463.0, "about 25 min"),
+        (12900.0, "about 3.5 h"),
+        (70000.0, "about 19 h"),
+        (200000.0, "about 2.5 days"),
+    ],
+)
+def test_an_estimate_is_told_as_a_round_figure(seconds: float, text: str) -> None:
+    assert progress.show_about(seconds) == text
+
+
+def test_the_time_left_is_told_from_the_third_fin_on_and_a_night_without_trials_does_not_count() -> None:
+    now = 0.0
+    left = progress.TimeLeft(10, 2, clock=lambda: now)
+    told = []
+    for settled, night in ((3, 0.0), (4, 40_000.0), (5, 0.0), (6, 0.0), (10, 0.0)):
+        now += night
+        left.begin()
+        now += 60.0
+        left.end()
+        told.append(left.text(settled))
+    assert told == ["", "", "about 5 min left", "about 4 min left", ""]
+
+
+def test_of_two_fish_that_swim_at_once_the_time_counts_once() -> None:
+    now = 0.0
+    left = progress.TimeLeft(8, 0, clock=lambda: now)
+    for _ in range(2):
+        left.begin()
+        left.begin()
+        now += 120.0
+        left.end()
+        left.end()
+    assert left.text(4) == "about 4 min left"
+
+
+def test_an_interrupted_trial_is_its_own_word_in_line_and_table() -> None:
+    stopped = trial(4, 2e9, None, Outcome.INTERRUPTED, "in phase 'measure': the optimiser was stopped")
+    assert progress.summary(stopped) == "E 2 GPa  INTERRUPTED: in phase 'measure': the optimiser was stopped"
+    (row,) = csv.DictReader(io.StringIO(report.trials_table([stopped], SETTINGS)))
+    assert (row["trial"], row["fin"], row["outcome"]) == ("4", "5", "INTERRUPTED")
+
+
+def shape_settings(fin: Fin) -> Settings:
+    base = {name: value for name, value in fin.as_parameters().items() if name not in {MODULUS, "fin.length"}}
+    shape = Space((RANGE, Dimension("fin.length", 0.04, 0.12, "m")))
+    return Settings(shape, details=base | {"fin.area": fin.area})
+
+
+def test_tables_have_every_dimension_that_changes_with_its_unit() -> None:
+    lengths = (0.05, 0.1)
+    trials = [replace(trial(n, 1e9, 0.02), values={MODULUS: 1e9, "fin.length": lengths[n]}) for n in range(2)]
+    rows = list(csv.DictReader(io.StringIO(report.trials_table(trials, shape_settings(Fin())))))
+    assert [float(row["fin.height [m]"]) for row in rows] == pytest.approx([0.04, 0.02])
+    assert "fin.tip_height [m]" not in rows[0], "it is the height"
+    assert "fin.thickness [m]" not in rows[0]
+    flaring = shape_settings(Fin(tip_height=0.05))
+    assert report.varied(flaring, [trial.values for trial in trials])[2:] == ["fin.height", "fin.tip_height"]

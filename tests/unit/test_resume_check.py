@@ -65,19 +65,19 @@ def test_a_bag_that_was_damaged_or_exchanged_is_named_with_its_trial(study: Path
     write_swim(bag(study, 4), duration=1.5)
     notes = check_scores(study, read_trials(study))
     assert len(notes) == 2
-    assert notes[0].startswith("trial 4: its score does not follow from its bag any more: speed (m/s) is 0.1")
-    assert "trial 2: its score does not follow from its bag any more: bag " in notes[1]
+    assert notes[0].startswith("trial 0004: its score does not follow from its bag any more: speed (m/s) is 0.1")
+    assert "trial 0002: its score does not follow from its bag any more: bag " in notes[1]
     assert "is damaged" in notes[1]
 
 
 def test_a_changed_journal_without_check_sums_is_named_and_a_long_list_ends(study: Path) -> None:
     change_scores(study, [1])
     (note,) = check_scores(study, read_trials(study))
-    assert note.startswith("trial 1: its score does not follow from its bag any more: speed (m/s) is 0.1")
+    assert note.startswith("trial 0001: its score does not follow from its bag any more: speed (m/s) is 0.1")
     assert "and 0.2" in note
     change_scores(study, [0, 2, 3, 4, 5, 6])
     notes = check_scores(study, read_trials(study))
-    assert [note.partition(":")[0] for note in notes[:5]] == [f"trial {number}" for number in (6, 5, 4, 3, 2)]
+    assert [note.partition(":")[0] for note in notes[:5]] == [f"trial {number:04d}" for number in (6, 5, 4, 3, 2)]
     assert notes[5] == "2 more scores do not follow from their bags: score_bag names all"
 
 
@@ -99,5 +99,5 @@ def test_the_check_ends_after_its_time_and_begins_with_bags_written_to_since(stu
     os.utime(file, (later.timestamp() + 60,) * 2)
     seconds = count()
     notes = check_scores(study, trials, longest=3.0, clock=lambda: float(next(seconds)))
-    assert notes[0].startswith("trial 0: its score does not follow from its bag any more")
+    assert notes[0].startswith("trial 0000: its score does not follow from its bag any more")
     assert notes[1:] == ["2 of 7 scores were compared with their bags in 3 s; score_bag of the study compares all"]

@@ -40,8 +40,8 @@ SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"),))
 SETTINGS = Settings(SPACE, Policy(repeats=1, attempts=2), {"seed": 1, "gait.frequency": 0.9})
 SEARCH = HillClimber(SPACE, 1, {MODULUS: math.sqrt(0.1) * 1e9})
 FAILED = Result(Outcome.FAILED, "no message on topic /fish/velocity")
-INTERRUPTED = Result(Outcome.FAILED, "interrupted: Ctrl-C", interrupted=True)
-GONE = Result(Outcome.FAILED, "nobody publishes topic /fish/plant_state any more", interrupted=True)
+INTERRUPTED = Result(Outcome.INTERRUPTED, "Ctrl-C")
+GONE = Result(Outcome.INTERRUPTED, "nobody publishes topic /fish/plant_state any more")
 INFEASIBLE = Result(Outcome.INFEASIBLE, "thicker than long")
 
 
@@ -180,10 +180,9 @@ def test_a_trial_that_a_kill_left_open_is_failed_and_made_again(folder: Path, be
     study.close()  # what a kill does to the lock
 
     again = Study.open(folder, SETTINGS)
-    assert again.trials[1].outcome is Outcome.FAILED
-    assert again.trials[1].interrupted
+    assert again.trials[1].outcome is Outcome.INTERRUPTED
     assert "the optimiser's process ended" in again.trials[1].reason
-    assert again.notes == ["trial 1 was under way when the optimiser ended: FAILED, made again"]
+    assert again.notes == ["trial 0001 was under way when the optimiser ended: INTERRUPTED, made again"]
     assert following(again) == (number, values)
     assert swim(again) == values[MODULUS]
 
@@ -283,7 +282,7 @@ def test_an_interruption_stays_one_where_the_disk_refuses_half_of_it(
             study.finish(0, INTERRUPTED)
     study.close()
     again = Study.open(folder, settings)
-    assert again.trials[0].interrupted
+    assert again.trials[0].outcome is Outcome.INTERRUPTED
     assert following(again)[0] == 0
 
 
@@ -439,8 +438,7 @@ def test_the_journal_may_be_cut_at_any_byte_of_its_last_entry(folder: Path) -> N
         journal.write_bytes(whole[:length])
         (folder / END_FILE).write_bytes(end)
         again = Study.open(folder, SETTINGS)
-        assert [trial.outcome for trial in again.trials] == [Outcome.OK, Outcome.FAILED]
-        assert again.trials[1].interrupted
+        assert [trial.outcome for trial in again.trials] == [Outcome.OK, Outcome.INTERRUPTED]
         assert ("cut short" in again.notes[0]) == (length > last)
         swim(again)
         again.close()

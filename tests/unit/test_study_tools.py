@@ -22,7 +22,9 @@ from fin_optimizer.bag import BagTopic, BagWriter, message_types, velocity_sampl
 from fin_optimizer.cma import CmaEs
 from fin_optimizer.generations import OneByOne
 from fin_optimizer.genetic import GeneticAlgorithm
+from fin_optimizer.graph import OPTIMIZER_PARAMETERS
 from fin_optimizer.journal import StudyError
+from fin_optimizer.plan import Plan
 from fin_optimizer.score import Measurement
 from fin_optimizer.search import Dimension, HillClimber, Space
 from fin_optimizer.study import Objective, Policy, Settings, Study, front, read_trials
@@ -167,7 +169,7 @@ def test_two_objectives_give_a_pareto_front_and_a_resumed_study_the_same(
     }
     assert sorted(c.number for c in front(study.candidates)) == sorted({c.number for c in scored} - dominated)
     assert show_study.main([str(tmp_path / "cut"), "--all"]) == 0
-    assert capsys.readouterr().out.count("on the Pareto front") == len(front(study.candidates))
+    assert capsys.readouterr().out.count(" * ") == len(front(study.candidates))
 
 
 def test_an_ok_trial_without_its_second_objective_is_refused(tmp_path: Path) -> None:
@@ -207,7 +209,7 @@ def test_an_export_has_a_row_a_trial_and_its_units_in_csv_and_parquet_alike(stud
         assert table[name].to_pylist() == expected
         assert [float(row[name]) if row[name] else None for row in rows] == expected
     assert table["fin.length [m]"].to_pylist() == [trial.values[LENGTH] for trial in trials]
-    assert table["mean speed of the candidate [m/s]"].to_pylist()[:2] == [pytest.approx(0.0102)] * 2
+    assert table["mean speed of the fin [m/s]"].to_pylist()[:2] == [pytest.approx(0.0102)] * 2
     assert table["spread between its repeats [m/s]"].to_pylist()[0] == pytest.approx(math.sqrt(2e-8))
     assert table.schema.field("started [UTC]").type == pa.timestamp("us", "UTC")
     assert table.schema.metadata[b"study.repeats"] == b"2"
@@ -237,9 +239,53 @@ def test_a_study_is_shown_best_first_with_its_spread_and_what_failed(
     study: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert show_study.main([str(study)]) == 0
-    lines = [line for line in capsys.readouterr().out.splitlines() if "GPa" in line]
-    assert ["2.100 cm/s" in lines[0], "1.020 cm/s" in lines[1], "thicker than long" in lines[2]] == [True] * 3
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == "speed, 2 swims a fin: 4 OK, 1 FAILED, 1 INFEASIBLE"
+    assert out[1].startswith("best 2.100 cm/s at E ")
+    assert out[1].endswith(" cm (trial 0003, 0004)")
+    lines = [line for line in out[2:] if line.rstrip().endswith(("0001", "0004", "thicker than long"))]
+    assert [["2.100" in line, "1.020" in line] for line in lines] == [[True, False], [False, True], [False, False]]
     assert "0002 0003 0004" in lines[0]
+
+
+@pytest.mark.parametrize("columns", [80, 60, 44])
+def test_in_a_narrow_terminal_no_number_of_a_study_is_broken(
+    tmp_path: Path, columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "study"
+    given = {"search.length.minimum": 0.05, "search.length.maximum": 0.12, "fin.tip_height": 0.05, "repeats": 3}
+    plan = Plan(OPTIMIZER_PARAMETERS.checked({**given, "study_folder": str(folder), "seed": 3}))
+    with plan.study() as begun:
+        while begun.settled() < 8:
+            following = begun.next_candidate(plan.search, 8)
+            assert following is not None
+            number = begun.start(begun.propose(*following, "/fish").number).number
+            bad = {
+                4: Result(Outcome.INTERRUPTED, "in phase 'measure': Ctrl-C"),
+                8: Result(Outcome.FAILED, "no velocity"),
+            }
+            begun.finish(number, bad.get(number, Result(Outcome.OK, score=0.0123456 + 1e-5 * number, samples=1)))
+        best = begun.best()
+        settings, trials = begun.settings, begun.trials
+    assert best is not None
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("TTY_COMPATIBLE", "1")
+    assert show_study.main([str(folder)]) == 0
+    lines = [re.sub("\x1b\\[[0-9;]*m", "", line) for line in capsys.readouterr().out.splitlines()]
+    assert max(map(len, lines)) <= columns
+    numbers = {f"{trial.number:04d}" for trial in trials}
+    assert numbers <= set(" ".join(lines).replace(",", " ").replace(")", " ").split())
+    (first,) = (line.split() for line in lines if line.split()[:1] == ["1"])
+    fin = settings.fin_of(best.values)
+    shown = [f"{fin['fin.young_modulus'] / 1e9:#.4g}", f"{fin['fin.length'] * 100:#.4g}"]
+    assert first[1:3] == shown
+    assert f"{(best.score or 0.0) * 100:#.4g}" in first
+    if columns >= 60:
+        assert first[3:5] == [f"{fin['fin.height'] * 100:#.4g}", f"{fin['fin.tip_height'] * 100:#.4g}"]
+        assert "(GPa) (cm) (cm) (cm) (cm/s)" in " ".join(" ".join(lines).split())
+    left_out = [line for line in lines if line.startswith(f"not shown in {columns} columns: ")]
+    assert left_out, "whatever has no room is named"
 
 
 def test_a_reason_is_shown_as_it_stands(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -255,7 +301,7 @@ def test_a_reason_is_shown_as_it_stands(tmp_path: Path, capsys: pytest.CaptureFi
 def resumed(tmp_path: Path) -> Path:
     """Return the folder of a study whose second of three trials was interrupted, each with its bag."""
     with Study.create(tmp_path / "resumed", Settings(SPACE)) as begun:
-        stopped = Result(Outcome.FAILED, "interrupted in phase 'measure': Ctrl-C", interrupted=True)
+        stopped = Result(Outcome.INTERRUPTED, "in phase 'measure': Ctrl-C")
         for interrupted in (False, True, False):
             following = begun.next_candidate(SEARCHES["hill climber"]())
             assert following is not None
@@ -277,7 +323,7 @@ def test_a_resumed_study_is_scored_without_its_interrupted_trial(
     assert score_bag.main([str(resumed)]) == 0
     shown = capsys.readouterr()
     assert [line.split(" ", 2)[2] for line in shown.out.splitlines()] == [str(bags[0]), str(bags[2])]
-    assert shown.err == f"note: {bags[1]}: trial 1 is FAILED (interrupted in phase 'measure': Ctrl-C)\n"
+    assert shown.err == f"note: {bags[1]}: trial 0001 is INTERRUPTED (in phase 'measure': Ctrl-C)\n"
     for path in (bags[1], resumed / "bags"):  # no study by itself: scored whatever a journal says
         assert score_bag.main([str(path)]) == 2
         assert f"error: {bags[1]}: " in capsys.readouterr().err
@@ -382,13 +428,14 @@ def test_an_interrupted_trial_is_shown_apart_from_failed_ones(
 ) -> None:
     assert show_study.main([str(resumed)]) == 0
     out = capsys.readouterr().out
-    assert "speed, 1 swim a fin: 2 OK, 1 interrupted" in out
+    assert "speed, 1 swim a fin: 2 OK, 1 INTERRUPTED" in out
     (line,) = (line for line in out.splitlines() if "0001 0002" in line)
-    assert [cell.strip() for cell in line.split("│")][5:9] == ["1", "", "1", "0001 0002"]
+    assert line.split()[-3:] == ["1", "0001", "0002"]
+    assert "FAILED" not in out
     assert show_study.main([str(study)]) == 0
     out = capsys.readouterr().out
     assert "speed, 2 swims a fin: 4 OK, 1 FAILED, 1 INFEASIBLE" in out
-    assert "interrupted" not in out
+    assert "INTER" not in out
 
 
 @pytest.mark.parametrize("tool", [score_bag, show_study, export])

@@ -126,18 +126,18 @@ class Rehearsal:
 
     @property
     def failure(self) -> str:
-        """Why the trial FAILED."""
+        """Why the trial FAILED or was INTERRUPTED."""
         return self._failed.reason
 
     @property
     def is_attempt(self) -> bool:
-        """Whether the trial, which FAILED, counts as an attempt at its fin."""
-        return not self._failed.interrupted
+        """Whether the trial counts as an attempt at its fin."""
+        return self._failed.outcome is not Outcome.INTERRUPTED
 
     @property
     def _failed(self) -> Result:
         assert self.trial.result is not None, f"still in '{self.trial.phase}'"
-        assert self.trial.result.outcome is Outcome.FAILED
+        assert self.trial.result.outcome in {Outcome.FAILED, Outcome.INTERRUPTED}
         return self.trial.result
 
 
@@ -234,8 +234,8 @@ def test_cancelling_in_any_phase_switches_the_gait_off_and_closes_the_bag(phase:
     expected = [Action.GAIT_OFF] * on + [Action.CLOSE_BAG] * is_open
     assert rehearsal.trial.cancel("somebody pressed Ctrl-C") == expected
     assert rehearsal.trial.result is not None
-    assert rehearsal.trial.result.interrupted
-    assert f"interrupted in phase '{phase}': somebody pressed Ctrl-C" in rehearsal.failure
+    assert rehearsal.trial.result.outcome is Outcome.INTERRUPTED
+    assert f"in phase '{phase}': somebody pressed Ctrl-C" in rehearsal.failure
     assert rehearsal.trial.cancel("again") == []
     assert rehearsal.trial.update(rehearsal.now, rehearsal.seen) == []
 

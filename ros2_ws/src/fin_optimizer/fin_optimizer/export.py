@@ -11,44 +11,48 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.journal import StudyError
 from fin_optimizer.pipe import end_with_the_reader
+from fin_optimizer.report import varied, with_unit
 from fin_optimizer.study import candidates, read_settings, read_trials
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from fin_optimizer.search import Space
-    from fin_optimizer.study import Candidate, TrialRecord
+    from fin_optimizer.study import Candidate, Settings, TrialRecord
 
 CSV_FILE = "study.csv"
 PARQUET_FILE = "study.parquet"
 Column = tuple[str, str, "Callable[[TrialRecord, Candidate], object]"]
 
 
-def columns(space: Space) -> list[Column]:
+def columns(settings: Settings, trials: Sequence[TrialRecord]) -> list[Column]:
     """Return name with unit, Arrow type, and value of every column of a study's table."""
-    searched = [(f"{d.name} [{d.unit}]" if d.unit else d.name, "double", _value_of(d.name)) for d in space.dimensions]
+    names = varied(settings, [trial.values for trial in trials])
+    fin = [(with_unit(name), "string" if "profile" in name else "double", _value_of(settings, name)) for name in names]
     return [
         ("trial", "int64", lambda trial, _: trial.number),
-        ("candidate", "int64", lambda trial, _: trial.candidate),
-        *searched,
+        ("fin", "int64", lambda trial, _: trial.candidate + 1),
+        *fin,
         ("outcome", "string", lambda trial, _: trial.outcome.value),
         ("speed [m/s]", "double", lambda trial, _: trial.score),
         ("spread within the swim [m/s]", "double", lambda trial, _: trial.spread),
         ("cost of transport [J/m]", "double", lambda trial, _: trial.cost),
         ("samples", "int64", lambda trial, _: trial.samples or None),
-        ("mean speed of the candidate [m/s]", "double", lambda _, candidate: candidate.score),
+        ("mean speed of the fin [m/s]", "double", lambda _, candidate: candidate.score),
         ("spread between its repeats [m/s]", "double", lambda _, candidate: candidate.spread),
         ("started [UTC]", "timestamp[us, tz=UTC]", lambda trial, _: trial.started),
         ("ended [UTC]", "timestamp[us, tz=UTC]", lambda trial, _: trial.ended),
-        ("interrupted", "bool", lambda trial, _: trial.interrupted),
         ("plant", "string", lambda trial, _: trial.plant),
         ("bag", "string", lambda trial, _: trial.bag),
         ("reason", "string", lambda trial, _: trial.reason),
     ]
 
 
-def _value_of(name: str) -> Callable[[TrialRecord, Candidate], object]:
-    return lambda trial, _: trial.values[name]
+def _value_of(settings: Settings, name: str) -> Callable[[TrialRecord, Candidate], object]:
+    def value(trial: TrialRecord, _: Candidate) -> object:
+        found = settings.fin_of(trial.values)[name]
+        return repr(found) if isinstance(found, list) else found
+
+    return value
 
 
 def export(study: Path, folder: Path) -> list[Path]:
@@ -68,7 +72,7 @@ def export(study: Path, folder: Path) -> list[Path]:
 
     settings, trials = read_settings(study), read_trials(study)
     tried = {candidate.number: candidate for candidate in candidates(trials)}
-    wanted = columns(settings.space)
+    wanted = columns(settings, trials)
     types = {"timestamp[us, tz=UTC]": pa.timestamp("us", "UTC")}
     table = pa.table(
         [

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
     from fin_optimizer.plan import Plan
     from fin_optimizer.study import TrialRecord
-    from fin_plant.parameters import Value
     from fin_plant.topics import Topic
 
 _GAIT_PERIOD = 0.25
@@ -119,12 +118,6 @@ class Lane:
         if state.state is State.SWIMMING and self.trial is None:  # of one that was killed, this was the last word
             return f"{plants[0]} still says SWIMMING after its trial"
         return ""
-
-    @property
-    def simulated_fish(self) -> Mapping[str, Value] | None:
-        """Parameters of the fish that the plant simulates, None for a robot or before they are known."""
-        told = self.plant.parameters or {}
-        return told if SIMULATOR_PARAMETERS.keys() <= told.keys() else None
 
     @property
     def other_fish(self) -> str:
@@ -226,14 +219,14 @@ class Lane:
         """Say which fin swims, or how it ended."""
         values: dict[str, object] = {
             "trial": record.number,
-            "candidate": record.candidate,
+            "fin": record.candidate + 1,
             **record.values,
             "outcome": record.outcome.value,
         }
         known = {"score [m/s]": record.score, "cost of transport [J/m]": record.cost, "reason": record.reason or None}
         values |= {name: value for name, value in known.items() if value is not None}
-        level = DiagnosticStatus.WARN if record.outcome in {Outcome.FAILED, Outcome.INFEASIBLE} else DiagnosticStatus.OK
-        shown = f"trial {record.number}: {report.show_values(record.values)}"
+        level = DiagnosticStatus.WARN if record.reason else DiagnosticStatus.OK
+        shown = f"{report.trial_name(record.number)}: {report.show_values(record.values)}"
         self._candidate_topic.publish(
             DiagnosticStatus(level=level, name="candidate", message=shown, values=key_values(values))
         )

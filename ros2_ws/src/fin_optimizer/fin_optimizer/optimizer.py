@@ -16,11 +16,11 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer import report
 from fin_optimizer.bag import BagError
-from fin_optimizer.curve import simulated_speed
 from fin_optimizer.disk_space import shortage
 from fin_optimizer.graph import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.journal import StudyError
 from fin_optimizer.lane import Lane
+from fin_optimizer.picture import draw_study
 from fin_optimizer.plan import Plan
 from fin_optimizer.progress import display, show_best
 from fin_optimizer.provenance import provenance
@@ -29,7 +29,6 @@ from fin_optimizer.resume_check import check_scores
 from fin_optimizer.study import front, is_for_another
 from fin_optimizer.trial import Outcome, Result
 from fin_plant import node_process, topics
-from fin_plant.figures import try_to_draw
 from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
 
@@ -50,6 +49,10 @@ _FIRST_WORD = 15.0
 """s for which the first trial waits for a plant's first word, which tells the limits of the gait."""
 _DISCOVERY = 0.5
 """s before the first trial: a second plant must have been seen before the first one is spoken to."""
+
+
+_NO_SCORE = {Outcome.FAILED, Outcome.INTERRUPTED}
+"""Of a trial that is made again."""
 
 
 class Mode(Enum):
@@ -103,7 +106,9 @@ class Optimizer:
         self.node.create_service(Trigger, "~/stop", self._on_stop)
 
     def _greet(self) -> None:
-        self._display.say(f"study {_near(self._study.folder)}: {self._total} trials, seed {self._plan.count('seed')}")
+        self._display.say(
+            f"study {_near(self._study.folder)}: {_count(self._total, 'fin')}, seed {self._plan.count('seed')}"
+        )
         if done := len(self._study.trials):
             self._display.say(f"going on after {_count(done, 'trial')}, {show_best(self._study.best())}")
             for repair in repair_bags(self._study.folder, or_nothing=True):
@@ -239,12 +244,12 @@ class Optimizer:
         self._display.end(record, self._study.settled(), self._study.best())
         lane.publish_candidate(record)
         self._publish_progress()
-        self._failures_in_a_row = self._failures_in_a_row + 1 if record.outcome is Outcome.FAILED else 0
+        self._failures_in_a_row = self._failures_in_a_row + 1 if record.outcome in _NO_SCORE else 0
         stopped = self._mode not in {Mode.RUNNING, Mode.PAUSING}
         if lane.other_fish and not stopped:
             self._give_up(f"{lane.other_fish}. Use the same, or another study_folder")
         elif self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not stopped:
-            self._give_up(f"{self._failures_in_a_row} trials in a row FAILED")
+            self._give_up(f"{self._failures_in_a_row} trials in a row FAILED or were INTERRUPTED")
 
     def _cancel(self, reason: str) -> None:
         for lane in self._lanes:
@@ -291,7 +296,7 @@ class Optimizer:
 
     def _progress_status(self, name: str) -> DiagnosticStatus:
         level = DiagnosticStatus.WARN if self._failures_in_a_row else DiagnosticStatus.OK
-        message = f"{self._study.settled()} of {self._total}, {show_best(self._study.best())}"
+        message = f"{self._study.settled()} of {_count(self._total, 'fin')}, {show_best(self._study.best())}"
         return DiagnosticStatus(level=level, name=name, message=message, values=key_values(self._progress_values()))
 
     def _publish_progress(self) -> None:
@@ -350,41 +355,13 @@ class Optimizer:
             self._write_table()
         except OSError as error:
             self._display.say(f"error: the report in {folder} cannot be written: {error.strerror or error}")
-        failures = []
-        if study.best() is not None:
-            failures.append(try_to_draw(folder / report.FIGURE_FILE, self._draw))
-        if self._plan.wants_cost:
-            path = folder / report.FRONT_FILE
-            failures.append(
-                try_to_draw(path, lambda: report.write_front(path, study.candidates, front(study.candidates)))
-            )
-        for failure in filter(None, failures):
+        if study.best() is None:
+            return
+        for failure in draw_study(folder / report.FIGURE_FILE, study.settings, study.trials, study.fish)[1]:
             self._display.say(f"warning: {failure}")
 
     def _write_table(self) -> None:
-        report.write_table(
-            self._study.folder / report.CSV_FILE, self._study.trials, self._study.settings.space.dimensions
-        )
-
-    def _draw(self) -> None:
-        plan, curve = self._plan, None
-        parameters = next((lane.simulated_fish for lane in self._lanes if lane.simulated_fish), None)
-        dimensions = self._study.settings.space.dimensions
-        if parameters and len(dimensions) == 1:
-            curve = report.sweep(
-                plan.dimension,
-                simulated_speed(plan.dimension.name, plan.fin, plan.gait, plan.measurement, parameters),
-            )
-        joint = plan.gait.joints[0]
-        size = f"{plan.fin.length * 100:g} x {plan.fin.height * 100:g} cm"
-        if len(dimensions) > 1:
-            size = f"of {plan.fin.length * plan.fin.height * 1e4:g} cm$^2$ and any length"
-        title = (
-            f"fin {size} x {plan.fin.thickness * 1000:g} mm, {joint.frequency:g} Hz, "
-            f"swims of {plan.measurement.duration:g} s"
-        )
-        path = self._study.folder / report.FIGURE_FILE
-        report.write_figure(path, self._study.trials, self._study.best(), plan.dimension, curve=curve, title=title)
+        report.write_table(self._study.folder / report.CSV_FILE, self._study.trials, self._study.settings)
 
     def finished(self) -> int | None:
         """Return the exit code once the study is done."""
@@ -424,6 +401,8 @@ class Optimizer:
             self._display.say(
                 f"stopped after {trials}, all in the journal; go on with study_folder:={folder} and what else was given"
             )
+            if self._study.best() is not None:
+                self._display.say(f"its picture is drawn by `show_study {folder} --plot` of fin_optimizer")
 
 
 def _count(number: int, thing: str) -> str:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Protocol, TextIO
 
-from fin_optimizer.report import show_speed, show_values
+from fin_optimizer.report import show_speed, show_values, trial_name
 from fin_optimizer.trial import Outcome
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rich.progress import TaskID
 
     from fin_optimizer.study import Candidate, TrialRecord
@@ -16,7 +19,20 @@ if TYPE_CHECKING:
 _REDRAWS_PER_SECOND = 8.0
 _SLOW_SECONDS = 1.0
 """A trial that takes longer shows what it waits for."""
-_WIDTH_WITH_BAR = 100
+_WIDTH_WITH_BAR = 120
+_BAR_WIDTH = 16
+_FIRST_ESTIMATE = 3
+"""Fins after which the time left is told: the first ones also tell how long the nodes take to start."""
+_MINUTE, _HOUR, _DAY = 60.0, 3600.0, 86400.0
+# Below how many s an estimate is told in which unit (s), to which step of it, and the unit's word.
+_ABOUT: tuple[tuple[float, float, float, str], ...] = (
+    (1.5 * _MINUTE, 1.0, 10, "s"),
+    (10.0 * _MINUTE, _MINUTE, 1, "min"),
+    (1.5 * _HOUR, _MINUTE, 5, "min"),
+    (10.0 * _HOUR, _HOUR, 0.5, "h"),
+    (1.5 * _DAY, _HOUR, 1, "h"),
+    (math.inf, _DAY, 0.5, "days"),
+)
 
 
 class Display(Protocol):
@@ -63,32 +79,73 @@ def show_best(best: Candidate | None) -> str:
     return f"best {show_speed(best.score)} at {show_values(best.values)}"
 
 
-def show_time(seconds: float) -> str:
-    """Return a duration as ``1:02:03`` or ``2:03``."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+def show_about(seconds: float) -> str:
+    """Return a duration as an estimate is told: ``about 40 s``, ``about 25 min``, ``about 3.5 h``, ``about 2 days``."""
+    unit, step, word = next(each[1:] for each in _ABOUT if seconds < each[0])
+    rounded = max(1, round(seconds / (unit * step))) * step
+    return f"about {rounded:g} {word}"
 
 
-class _TimeLeft:
-    """Time left, from the time that the candidates settled in this run took."""
+class TimeLeft:
+    """Time left, from how long the fins took that were settled in this run; hours in which the study held don't count.
 
-    def __init__(self, total: int, settled: int) -> None:
-        self._total = total
-        self._first = settled
-        self._begin = time.monotonic()
+    Args:
+        total: Fins that the study shall have.
+        settled: Fins that need no more trials now.
+        clock: Time in s.
+    """
+
+    def __init__(self, total: int, settled: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self._total, self._first, self._clock = total, settled, clock
+        self._under_way = 0
+        self._since = self._worked = 0.0
+
+    def begin(self) -> None:
+        """Note that a trial begins."""
+        if not self._under_way:
+            self._since = self._clock()
+        self._under_way += 1
+
+    def end(self) -> None:
+        """Note that a trial has ended."""
+        now = self._clock()
+        self._worked += now - self._since
+        self._since = now
+        self._under_way = max(0, self._under_way - 1)
 
     def text(self, settled: int) -> str:
-        done = settled - self._first
-        if done < 1:
-            return "?"
-        return show_time((time.monotonic() - self._begin) / done * max(self._total - settled, 0))
+        """Return for example ``about 25 min left``; an empty text as long as too few fins tell, and at the end."""
+        done, missing = settled - self._first, self._total - settled
+        if done < _FIRST_ESTIMATE or missing <= 0:
+            return ""
+        return f"{show_about(self._worked / done * missing)} left"
+
+
+def count(trial: TrialRecord, total: int) -> str:
+    """Return which fin of how many a trial is about, from 1: ``fin 3 of 30``."""
+    return f"fin {trial.candidate + 1:>{len(str(total))}} of {total}"
 
 
 def _line(trial: TrialRecord, total: int, *, several: bool) -> str:
-    counted = f"{trial.candidate + 1}/{total}"
     fish = f"{trial.plant}  " if several else ""
-    return f"trial {trial.number:04d}  {counted:>7}  {fish}{summary(trial)}"
+    return f"{trial_name(trial.number)}  {count(trial, total)}  {fish}{summary(trial)}"
+
+
+def live_line(width: int, count: str, values: str, state: str, best: str, left: str) -> str:
+    """Return what of these texts fits into ``width`` columns, the least important ones left out, none in part."""
+    short = best.partition(" at ")[0]
+    for parts in (
+        (count, values, state, best, left),
+        (count, values, state, short, left),
+        (count, state, short, left),
+        (count, state, short),
+        (count, short),
+        (count,),
+    ):
+        line = "  ".join(filter(None, parts))
+        if len(line) <= width:
+            break
+    return line
 
 
 class PlainLines:
@@ -98,18 +155,20 @@ class PlainLines:
         self._stream = stream
         self._several = several
         self._total = total
-        self._left = _TimeLeft(total, settled)
+        self._left = TimeLeft(total, settled)
 
-    def begin(self, trial: TrialRecord) -> None:
+    def begin(self, trial: TrialRecord) -> None:  # noqa: ARG002  (as a `Display`)
         """Show nothing: the line comes with the result."""
+        self._left.begin()
 
     def show(self, phase: str, note: str) -> None:
         """Show nothing: a file is no place for a line that changes."""
 
     def end(self, trial: TrialRecord, settled: int, best: Candidate | None) -> None:
         """Print the trial's line."""
-        line = _line(trial, self._total, several=self._several)
-        self.say(f"{line}  ({show_best(best)}, {self._left.text(settled)} left)")
+        self._left.end()
+        known = ", ".join(filter(None, (show_best(best), self._left.text(settled))))
+        self.say(f"{_line(trial, self._total, several=self._several)}  ({known})")
 
     def say(self, text: str) -> None:
         """Print a line."""
@@ -126,28 +185,36 @@ class LiveLine:
         # Loaded only where there is a terminal: it takes a tenth of a second.
         from rich.console import Console  # noqa: PLC0415
         from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn  # noqa: PLC0415
+        from rich.table import Column  # noqa: PLC0415
 
         console = Console(file=stream)
-        columns: list[ProgressColumn] = [TextColumn("{task.fields[count]}"), TextColumn("{task.fields[now]}")]
-        columns += [TextColumn("[green]{task.fields[best]}"), TextColumn("{task.fields[left]} left")]
+        columns: list[ProgressColumn] = [
+            TextColumn("{task.fields[line]}", markup=False, table_column=Column(no_wrap=True))
+        ]
         if console.width >= _WIDTH_WITH_BAR:
-            columns.insert(1, BarColumn(bar_width=16))
+            columns.append(BarColumn(bar_width=_BAR_WIDTH))
         self._total = total
-        self._left = _TimeLeft(total, settled)
+        self._left = TimeLeft(total, settled)
         self._several = several
         self._drawn = self._begun = 0.0
-        self._values = self._last = ""
+        self._count = f"fin {min(settled + 1, total)} of {total}"
+        self._values = self._now = self._last = self._time_left = ""
+        self._best = show_best(None)
         self._line = Progress(*columns, console=console, auto_refresh=False)
-        self._task: TaskID = self._line.add_task(
-            "", total=total, completed=settled, count=f"{settled}/{total}", now="", best=show_best(None), left="?"
-        )
+        self._task: TaskID = self._line.add_task("", total=total, completed=settled, line=self._text())
         self._line.start()
+
+    def _text(self) -> str:
+        width = self._line.console.width
+        room = width - _BAR_WIDTH - 1 if width >= _WIDTH_WITH_BAR else width
+        return live_line(room, self._count, self._values, self._now, self._best, self._time_left)
 
     def begin(self, trial: TrialRecord) -> None:
         """Show the candidate."""
+        self._left.begin()
         self._begun = time.monotonic()
-        self._values = show_values(trial.values)
-        self._line.update(self._task, count=f"{trial.candidate + 1}/{self._total}")
+        self._values, self._count = show_values(trial.values), count(trial, self._total)
+        self._line.update(self._task, line=self._text())
 
     def show(self, phase: str, note: str) -> None:
         """Redraw the line some times a second: with the last speed, or with the phase of a trial that takes long."""
@@ -156,14 +223,17 @@ class LiveLine:
             return
         self._drawn = now
         slow = now - self._begun > _SLOW_SECONDS or not self._last
-        state = f"{phase} {note}".strip() if slow else self._last
-        self._line.update(self._task, now=f"{self._values}  {state}", refresh=True)
+        self._now = f"{phase} {note}".strip() if slow else self._last
+        self._line.update(self._task, line=self._text(), refresh=True)
 
     def end(self, trial: TrialRecord, settled: int, best: Candidate | None) -> None:
         """Print the trial's line, and take the result into the one below."""
+        self._left.end()
         self._last = "" if trial.score is None else f"last {show_speed(trial.score)}"
-        self._line.update(self._task, completed=settled, best=show_best(best), left=self._left.text(settled))
-        self.say(_line(trial, self._total, several=self._several))
+        self._best, self._time_left = show_best(best), self._left.text(settled)
+        self._line.update(self._task, completed=settled, line=self._text())
+        line = _line(trial, self._total, several=self._several)
+        self._line.console.print(line, markup=False, highlight=False)  # broken between words where it is too long
 
     def say(self, text: str) -> None:
         """Print a line above the live one."""
@@ -171,5 +241,6 @@ class LiveLine:
 
     def close(self) -> None:
         """Draw the last state and give the terminal back."""
-        self._line.update(self._task, now="")
+        self._now = ""
+        self._line.update(self._task, line=self._text())
         self._line.stop()

@@ -10,6 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 from fin_optimizer.bag import BagError
+from fin_optimizer.report import trial_name
 from fin_optimizer.score import ScoreError
 from fin_optimizer.score_bag import difference, numbers_of
 
@@ -54,7 +55,7 @@ def check_scores(
             )
             break
         if why := _contradiction(folder / trial.bag, trial):
-            wrong.append(f"trial {trial.number}: its score does not follow from its bag any more: {why}")
+            wrong.append(f"{trial_name(trial.number)}: its score does not follow from its bag any more: {why}")
     if len(wrong) > _NAMED:
         wrong[_NAMED:] = [f"{len(wrong) - _NAMED} more scores do not follow from their bags: score_bag names all"]
     return wrong + notes

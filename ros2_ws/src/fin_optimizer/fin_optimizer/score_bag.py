@@ -17,6 +17,7 @@ from fin_optimizer.bag_integrity import UNGUARDED
 from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.journal import StudyError
 from fin_optimizer.pipe import end_with_the_reader
+from fin_optimizer.report import trial_name
 from fin_optimizer.score import (
     NANOSECONDS,
     Measurement,
@@ -314,7 +315,7 @@ def _wanted(path: Path) -> tuple[list[tuple[Path, TrialRecord | None]], str]:
             wanted.append((bag, trial))
         else:
             because = f" ({trial.reason})" if trial.reason else ""
-            sys.stderr.write(f"note: {bag}: trial {trial.number} is {trial.outcome.value}{because}\n")
+            sys.stderr.write(f"note: {bag}: {trial_name(trial.number)} is {trial.outcome.value}{because}\n")
     return wanted, refused
 
 
@@ -346,7 +347,7 @@ def numbers_of(
         ScoreError: Its samples give no score.
     """
     if trial is not None and not path.exists():
-        msg = f"trial {trial.number} is OK, but its bag is missing"
+        msg = f"{trial_name(trial.number)} is OK, but its bag is missing"
         raise BagError(msg)
     bag = read_bag(path)
     with_cost = bag.metadata.get(_OBJECTIVE_KEY) == _OBJECTIVE_WITH_COST

@@ -4,7 +4,9 @@ The ledger is an Optuna study in a journal file, so `optuna-dashboard FOLDER/jou
 appended to, each entry is on the disk before the call returns, and an entry is written before a trial starts and after
 it ends. Outcomes are Optuna's states:
 
-    PROPOSED WAITING, RUNNING RUNNING, OK COMPLETE, FAILED FAIL, INFEASIBLE PRUNED
+    PROPOSED WAITING, RUNNING RUNNING, OK COMPLETE, FAILED FAIL, INTERRUPTED FAIL, INFEASIBLE PRUNED
+
+A trial that is FAIL to Optuna has an attribute that tells which of the two it is.
 
 The order of the entries is the order of events, so what was known when a candidate was proposed can be told from the
 journal, also where several fish swim at once.
@@ -38,7 +40,7 @@ from fin_optimizer.journal import (
     take_off_cut_line,
     whole_entries,
 )
-from fin_optimizer.report import show_values
+from fin_optimizer.report import show_values, trial_name
 from fin_optimizer.search import Evaluation, Values, pareto_front
 from fin_optimizer.study_settings import (
     PARTIAL,
@@ -81,6 +83,7 @@ __all__ = [
     "front",
     "history",
     "is_for_another",
+    "read_ledger",
     "read_settings",
     "read_trials",
 ]
@@ -89,7 +92,7 @@ BAG_FOLDER = "bags"
 _FISH = "fish"
 """Of the study in Optuna's ledger: what swims."""
 _BAG_NAME = re.compile(r"trial_(\d+)_")
-_KILLED = "interrupted: the optimiser's process ended before the trial did"
+_KILLED = "the optimiser's process ended before the trial did"
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
 
@@ -99,9 +102,10 @@ _STATE_OF = {
     Outcome.RUNNING: optuna.trial.TrialState.RUNNING,
     Outcome.OK: optuna.trial.TrialState.COMPLETE,
     Outcome.FAILED: optuna.trial.TrialState.FAIL,
+    Outcome.INTERRUPTED: optuna.trial.TrialState.FAIL,
     Outcome.INFEASIBLE: optuna.trial.TrialState.PRUNED,
 }
-_OUTCOME_OF = {state: outcome for outcome, state in _STATE_OF.items()}
+_OUTCOME_OF = {state: outcome for outcome, state in _STATE_OF.items() if outcome is not Outcome.INTERRUPTED}
 
 
 @dataclass(frozen=True)
@@ -113,8 +117,7 @@ class TrialRecord:
         candidate: Which candidate it tried, from 0; several trials repeat one candidate.
         values: The candidate, in SI units.
         outcome: What became of it.
-        reason: Why it FAILED or is INFEASIBLE, else empty.
-        interrupted: It FAILED for a reason that says nothing about the fin, like a stop or a plant that is gone.
+        reason: Why it FAILED, was INTERRUPTED or is INFEASIBLE, else empty.
         score: Mean forward speed in m/s, None unless OK.
         spread: Standard deviation of the speed between blocks of the swim in m/s, None unless OK and known.
         cost: Cost of transport in J/m, None unless OK and asked for.
@@ -130,7 +133,6 @@ class TrialRecord:
     values: Values
     outcome: Outcome
     reason: str
-    interrupted: bool
     score: float | None
     spread: float | None
     cost: float | None
@@ -185,7 +187,7 @@ class Candidate:
 
     def _given_up(self, policy: Policy) -> bool:
         """Whether it is infeasible, or has failed too often."""
-        outcomes = [trial.outcome for trial in self.trials if not trial.interrupted]
+        outcomes = [trial.outcome for trial in self.trials]
         return Outcome.INFEASIBLE in outcomes or outcomes.count(Outcome.FAILED) >= policy.attempts
 
 
@@ -203,14 +205,14 @@ def candidates(trials: Iterable[TrialRecord]) -> list[Candidate]:
 
 
 def is_for_another(candidate: Candidate, plant: str, plants: Iterable[str]) -> bool:
-    """Return whether the candidate failed on this fish and not yet on every other one.
+    """Return whether the candidate FAILED or was INTERRUPTED on this fish and not yet on every other one.
 
     Args:
         candidate: What is to be swum.
         plant: Namespace of the fish that could swim it now.
         plants: Namespaces of all fish that take part.
     """
-    failed_on = {trial.plant for trial in candidate.trials if trial.outcome is Outcome.FAILED}
+    failed_on = {trial.plant for trial in candidate.trials if trial.outcome in {Outcome.FAILED, Outcome.INTERRUPTED}}
     return plant in failed_on and any(other not in failed_on for other in plants)
 
 
@@ -283,7 +285,7 @@ class Study:
 
     @classmethod
     def open(cls, folder: Path, settings: Settings | None = None) -> Study:
-        """Go on with the study in ``folder``. A trial that a kill left open becomes FAILED.
+        """Go on with the study in ``folder``. A trial that a kill left open was INTERRUPTED.
 
         Args:
             folder: The study's folder.
@@ -324,6 +326,11 @@ class Study:
         """Return how many candidates need no further trial."""
         return len(self._candidates) - len(self._open)
 
+    @property
+    def fish(self) -> Mapping[str, object]:
+        """What swims, as the journal has it; empty before the first one is met."""
+        return _fish(self._storage)
+
     def meet(self, fish: Mapping[str, object]) -> list[str]:
         """Return a text for each property in which a fish differs from the study's, which is the first one met.
 
@@ -335,8 +342,8 @@ class Study:
         Raises:
             StudyError: The disk refused. The journal is as before.
         """
-        known = self._storage.get_study_user_attrs(self._study_id).get(_FISH)
-        if known is None:
+        known = self.fish
+        if not known:
             with whole_entries(self._journal):
                 self._storage.set_study_user_attr(self._study_id, _FISH, dict(fish))
             return []
@@ -399,14 +406,14 @@ class Study:
             StudyError: The disk refused. The trial is still open in the journal.
         """
         # The reason comes last: a trial that was left open without one counts as interrupted.
-        attributes: dict[str, object] = {"interrupted": result.interrupted, "reason": result.reason}
+        attributes: dict[str, object] = {"interrupted": result.outcome is Outcome.INTERRUPTED, "reason": result.reason}
         values = None
         if result.outcome is Outcome.OK and result.score is not None:
             attributes = {"spread": result.spread, "samples": result.samples}
             values = [result.score]
         if values is not None and self.settings.objective is Objective.SPEED_AND_COST:
             if result.cost is None:
-                msg = f"trial {number} has no cost of transport, which this study is about"
+                msg = f"{trial_name(number)} has no cost of transport, which this study is about"
                 raise StudyError(msg)
             values.append(result.cost)
         with whole_entries(self._journal):
@@ -458,7 +465,9 @@ class Study:
                 with whole_entries(self._journal):
                     self._storage.set_trial_state_values(self._ids[trial.number], optuna.trial.TrialState.FAIL)
                 self._refreshed(trial.number)
-                self.notes.append(f"trial {trial.number} was under way when the optimiser ended: FAILED, made again")
+                self.notes.append(
+                    f"{trial_name(trial.number)} was under way when the optimiser ended: INTERRUPTED, made again"
+                )
 
 
 def _left_out(names: Sequence[str], settings: Settings) -> str:
@@ -485,7 +494,7 @@ def front(tried: Sequence[Candidate]) -> list[Candidate]:
 def bag_name(number: int, values: Values) -> str:
     """Return the name of a trial's bag, which tells a person the fin, for example ``trial_0007_E1.112GPa``."""
     fin = show_values(values).replace(", ", "_").replace(" ", "")
-    return f"trial_{number:04d}_{fin}"
+    return f"{trial_name(number).replace(' ', '_')}_{fin}"
 
 
 def _tell(note: str) -> None:
@@ -502,17 +511,29 @@ def read_trials(folder: Path, tell: Callable[[str], object] = _tell) -> list[Tri
     Raises:
         StudyError: There is no journal, it was damaged or changed by another program, or this version cannot read it.
     """
+    return read_ledger(folder, tell)[0]
+
+
+def read_ledger(folder: Path, tell: Callable[[str], object] = _tell) -> tuple[list[TrialRecord], Mapping[str, object]]:
+    """Return the trials of a study as `read_trials`, and what swam them as `Study.fish`; raises as that does."""
     if not (folder / JOURNAL_FILE).exists() and not list(_bags(folder)):
         msg = f"{folder} holds no study: {JOURNAL_FILE} is missing"
         raise StudyError(msg)
-    _, frozen, lines = _ledger(folder, read_settings(folder))
+    storage, frozen, lines = _ledger(folder, read_settings(folder))
     for note in lines.notes:
         tell(note)
     if length := lines.cut():
         tell(
             f"the journal's last entry is cut short ({length} bytes) and not counted; a kill or a running study does so"
         )
-    return [_record(trial) for trial in frozen]
+    return [_record(trial) for trial in frozen], _fish(storage) if lines.count else {}
+
+
+def _fish(storage: JournalStorage) -> Mapping[str, object]:
+    known: Mapping[str, object] = storage.get_study_user_attrs(storage.get_study_id_from_name(STUDY_NAME)).get(
+        _FISH, {}
+    )
+    return known
 
 
 def _bags(folder: Path) -> Iterator[tuple[int, str]]:
@@ -564,7 +585,7 @@ def _check_trials(trials: Sequence[optuna.trial.FrozenTrial], settings: Settings
     known: list[Values] = []
     for trial in trials:
         record = _record(trial)
-        where = f"trial {record.number}"
+        where = trial_name(record.number)
         values = settings.space.check(record.values)
         number = record.candidate
         if type(number) is not int or not 0 <= number <= len(known):
@@ -603,8 +624,10 @@ def _begun(storage: JournalStorage, objective: Objective) -> int:
 def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
     """Return Optuna's trial as ours. One that failed without a reason was left open by a process that died."""
     attributes: dict[str, Any] = trial.user_attrs
-    outcome = _OUTCOME_OF[trial.state]
+    outcome: Outcome = _OUTCOME_OF[trial.state]
     killed = outcome is Outcome.FAILED and "reason" not in attributes
+    if killed or (outcome is Outcome.FAILED and attributes.get("interrupted", False)):
+        outcome = Outcome.INTERRUPTED
     started, ended = trial.datetime_start, trial.datetime_complete
     score, cost = [*(trial.values or []), None, None][:2] if outcome is Outcome.OK else (None, None)
     return TrialRecord(
@@ -613,7 +636,6 @@ def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
         values=dict(trial.params),
         outcome=outcome,
         reason=_KILLED if killed else attributes.get("reason", ""),
-        interrupted=killed or attributes.get("interrupted", False),
         score=score,
         spread=attributes.get("spread") if outcome is Outcome.OK else None,
         cost=cost,

@@ -65,7 +65,7 @@ class Policy:
 
     Attributes:
         repeats: Swims with a score that a candidate needs; its score is their mean.
-        attempts: FAILED trials after which a candidate is given up and the study goes on; interrupted ones don't count.
+        attempts: FAILED trials after which a candidate is given up and the study goes on; INTERRUPTED ones don't count.
     """
 
     repeats: int = 1

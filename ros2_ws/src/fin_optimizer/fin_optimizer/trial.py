@@ -34,12 +34,17 @@ _LONG = 1000.0
 
 
 class Outcome(StrEnum):
-    """What became of a trial."""
+    """What became of a trial.
+
+    One that is INTERRUPTED ended for a reason that says nothing about the fin, like a stop or a plant that is gone: it
+    is no attempt at the fin. One that FAILED is.
+    """
 
     PROPOSED = "PROPOSED"
     RUNNING = "RUNNING"
     OK = "OK"
     FAILED = "FAILED"
+    INTERRUPTED = "INTERRUPTED"
     INFEASIBLE = "INFEASIBLE"
 
 
@@ -48,13 +53,12 @@ class Result:
     """How a trial ended.
 
     Attributes:
-        outcome: OK, FAILED or INFEASIBLE.
+        outcome: OK, FAILED, INTERRUPTED or INFEASIBLE.
         reason: Why, unless OK.
         score: m/s, needed for OK and refused otherwise.
         spread: m/s, None if unknown.
         cost: Cost of transport in J/m, None if unknown.
         samples: Number of velocities in the score.
-        interrupted: The trial FAILED for a reason that says nothing about the fin, and is no attempt at it.
 
     Raises:
         ValueError: An OK trial without a finite score, or another one with a score or without a reason.
@@ -66,14 +70,13 @@ class Result:
     spread: float | None = None
     cost: float | None = None
     samples: int = 0
-    interrupted: bool = False
 
     def __post_init__(self) -> None:
         if self.outcome is Outcome.OK:
             checks.number("score of an OK trial", float("nan") if self.score is None else self.score, unit="m/s")
             checks.number("cost of transport of an OK trial", self.cost or 0.0, unit="J/m")
-        elif self.outcome not in {Outcome.FAILED, Outcome.INFEASIBLE}:
-            msg = f"a trial cannot end as {self.outcome}: it ends OK, FAILED or INFEASIBLE"
+        elif self.outcome not in {Outcome.FAILED, Outcome.INTERRUPTED, Outcome.INFEASIBLE}:
+            msg = f"a trial cannot end as {self.outcome}: it ends OK, FAILED, INTERRUPTED or INFEASIBLE"
             raise ValueError(msg)
         elif self.score is not None or not self.reason:
             msg = f"a trial that ends {self.outcome} has a reason and no score, got {self.reason!r}, {self.score}"
@@ -310,7 +313,7 @@ class Trial:
         """End the trial because somebody stopped it, and return what the node must do now, in order."""
         if self.result is not None:
             return []
-        return self._end(Result(Outcome.FAILED, f"interrupted in phase '{self.phase}': {reason}", interrupted=True))
+        return self._end(Result(Outcome.INTERRUPTED, f"in phase '{self.phase}': {reason}"))
 
     def _next(self, now: float, facts: Facts) -> list[Action]:
         if PHASES[self._index].action is Action.GAIT_ON and facts.plant is not None:
@@ -358,14 +361,14 @@ class Trial:
         return self._failed(trouble, facts) if trouble else None
 
     def _failed(self, trouble: str, facts: Facts) -> Result:
-        """Return how the trial FAILED: as an attempt at its fin, unless the reason is none of the fin's."""
+        """Return how the trial ends: FAILED as an attempt at its fin, else INTERRUPTED."""
         no_attempt = (
             self._index < _GAIT_IS_ON
             or len(facts.plants) > 1
             or (facts.plant is not None and facts.plant.waits_for_people)
             or bool(facts.recorder_failure or facts.other_fish or self._other_gait or self._changed(facts))
         )
-        return Result(Outcome.FAILED, f"{self.phase}: {trouble}", interrupted=no_attempt)
+        return Result(Outcome.INTERRUPTED if no_attempt else Outcome.FAILED, f"{self.phase}: {trouble}")
 
     def _trouble(self, phase: Phase, facts: Facts) -> str:
         if facts.recorder_failure:
@@ -405,7 +408,7 @@ class Trial:
         if here - self._spoken_to:  # one that was killed is seen for some seconds more, beside its successor
             topic = self.topic("plant_state")
             reason = f"who publishes topic {topic} now was started after the fin had been set, and does not know it"
-            return Result(Outcome.FAILED, f"{self.phase}: {reason}", interrupted=True)
+            return Result(Outcome.INTERRUPTED, f"{self.phase}: {reason}")
         if here:
             self._gone_since = None
             return None
@@ -414,7 +417,7 @@ class Trial:
         if now - self._gone_since <= limit:
             return None
         reason = f"nobody publishes topic {self.topic('plant_state')} any more (waited {limit:g} s)"
-        return Result(Outcome.FAILED, f"{self.phase}: {reason}", interrupted=True)
+        return Result(Outcome.INTERRUPTED, f"{self.phase}: {reason}")
 
     def _overdue(self, now: float, facts: Facts) -> Result | None:
         phase = PHASES[self._index]
