@@ -195,7 +195,8 @@ class Lane:
     def _diagnosed(self, result: Result) -> Result:
         """Return a result for which a want of velocity may be the cause with what its estimator complained about."""
         trouble = self.plant.velocity_trouble
-        if result.outcome is not Outcome.FAILED or self.phase not in PHASES_OF_VELOCITY or not trouble:
+        wanted = result.outcome in {Outcome.FAILED, Outcome.INTERRUPTED} and self.phase in PHASES_OF_VELOCITY
+        if not wanted or not trouble:
             return result
         return replace(
             result, reason=f"{result.reason}; the velocity estimator said since the bag was opened: {trouble}"
