@@ -34,9 +34,20 @@ if [[ :$AMENT_PREFIX_PATH: != *":$fin_root/ros2_ws/install/fin_plant:"* ]]; then
     . "$fin_root/ros2_ws/install/setup.bash"
 fi
 
-# Quick discovery and acknowledgement for the command line too (the nodes set it themselves), on this machine only.
-export FASTRTPS_DEFAULT_PROFILES_FILE=${FASTRTPS_DEFAULT_PROFILES_FILE:-$fin_root/ros2_ws/src/fin_plant/fin_plant/fast_dds_localhost_profile.xml}
-export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-SYSTEM_DEFAULT}
+# Quick discovery and acknowledgement for the command line too, on this machine only unless the user has said otherwise:
+# the rule of `discovery` in fin_plant/ros_environment.py, by which the nodes set it themselves.
+fin_profiles=$fin_root/ros2_ws/src/fin_plant/fin_plant
+fin_reach=$ROS_AUTOMATIC_DISCOVERY_RANGE$ROS_STATIC_PEERS$ROS_LOCALHOST_ONLY$ROS_DISCOVERY_SERVER
+fin_reach+=$FASTDDS_DEFAULT_PROFILES_FILE$FASTDDS_ENVIRONMENT_FILE
+if [[ -z $FASTRTPS_DEFAULT_PROFILES_FILE && ${RMW_IMPLEMENTATION:-fastrtps} == *fastrtps* &&
+    ! -e DEFAULT_FASTRTPS_PROFILES.xml && ! -e DEFAULT_FASTDDS_PROFILES.xml ]]; then
+    if [[ -n $fin_reach ]]; then
+        export FASTRTPS_DEFAULT_PROFILES_FILE=$fin_profiles/fast_dds_profile.xml
+    else
+        export FASTRTPS_DEFAULT_PROFILES_FILE=$fin_profiles/fast_dds_localhost_profile.xml
+        export ROS_AUTOMATIC_DISCOVERY_RANGE=SYSTEM_DEFAULT
+    fi
+fi
 
 eval "$fin_options"
-unset fin_root fin_mode fin_options
+unset fin_root fin_mode fin_options fin_profiles fin_reach

@@ -51,7 +51,8 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     with locked_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         for name in ("FASTRTPS_DEFAULT_PROFILES_FILE", "ROS_AUTOMATIC_DISCOVERY_RANGE"):
-            monkeypatch.setenv(name, workspace_environment()[name])
+            if name in workspace_environment():  # not where the user's own settings hold
+                monkeypatch.setenv(name, workspace_environment()[name])
         yield domain
 
 

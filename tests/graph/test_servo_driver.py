@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import pty
 import re
 import signal
 import stat
+import subprocess
+import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +25,7 @@ from fin_plant import topics
 from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
 from fin_plant.plant_state import State
+from fin_plant.ros_environment import PROFILES, RANGE
 from fin_servo_driver.backends import lcus
 from fin_servo_driver.emulator.devices import Firmata, Modbus, SilentRelays
 from fin_servo_driver.wall_clock import stamp_of
@@ -42,7 +47,6 @@ from support.waiting import wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from fin_servo_driver.emulator.pty_port import PtyPort
     from support.processes import StartedProcess
@@ -252,6 +256,60 @@ def test_a_signal_stops_the_pulses_and_moves_nothing(
     wait_until(lambda: not pulses(port), 2.0, "silence")
     steps = np.abs(np.diff(recorder(port).widths))
     assert steps.max() <= 573.0 * 6.0 * 0.02 * 1.05 + 2.0, "no leap to neutral; pulses are whole microseconds"
+
+
+def test_a_signal_ends_the_wait_for_a_banner(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:
+    port.silent = True
+    answer = client.ask_for_state(CONFIGURE)
+    client.wait_until(lambda: port._is_open, "an open port")
+    begin = time.monotonic()
+    assert driver.interrupt() == 130
+    # The board is waited for during 5 s; a busy machine needs more than the moment that it takes.
+    assert time.monotonic() - begin < 3.0
+    assert "no Firmata banner" not in driver.output()
+    assert "Traceback" not in driver.output()
+    assert not answer.done() or not answer.result().success
+
+
+def test_a_node_that_is_started_without_any_setting_stays_on_this_machine_and_is_seen_by_any_tool_there(
+    start: Callable[..., StartedProcess], port: PtyPort, ros_domain: int
+) -> None:
+    unset = {PROFILES: "", RANGE: ""}  # as with `ros2 run`
+    words = ["--ros-args", "-p", "robot_file:=firmata", "-p", f"port:={port.path}"]
+    driver = start("fin_servo_driver", "servo_driver", *words, environment=unset)
+    tool = """
+import rclpy, sys, time
+from rcl_interfaces.srv import ListParameters
+rclpy.init()
+node = rclpy.create_node("tool")
+client = node.create_client(ListParameters, "/fish/servo_driver/list_parameters")
+assert client.wait_for_service(60.0)
+answer = client.call_async(ListParameters.Request())
+rclpy.spin_until_future_complete(node, answer, timeout_sec=60.0)
+assert "servo_driver" in node.get_node_names()
+print("parameters:", len(answer.result().result.names))
+"""
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    told = subprocess.run(
+        [sys.executable, "-c", tool], env=environment, capture_output=True, text=True, check=False, timeout=150
+    )
+    assert told.returncode == 0, told.stderr
+    assert int(told.stdout.rpartition(":")[2]) > 10
+    assert udp_addresses(driver.pid) == {"127.0.0.1", "239.255.0.1"}  # and discovery's group, joined there
+
+
+def udp_addresses(pid: int) -> set[str]:
+    """Return the addresses that a process' UDP sockets are bound to."""
+    inodes = set()
+    for link in Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(OSError):
+            inodes.add(str(link.readlink()).removeprefix("socket:[").removesuffix("]"))
+    sockets = (line.split() for line in Path(f"/proc/{pid}/net/udp").read_text().splitlines()[1:])
+    return {
+        ".".join(str(byte) for byte in reversed(bytes.fromhex(socket[1].partition(":")[0])))
+        for socket in sockets
+        if socket[9] in inodes
+    }
 
 
 def test_the_emergency_stop_is_at_once_and_latched(driver: StartedProcess, client: RobotClient, port: PtyPort) -> None:

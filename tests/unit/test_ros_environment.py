@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from fin_plant import ros_environment
-from fin_plant.ros_environment import FAST_DDS_PROFILE, LOCALHOST_PROFILE, PROFILES
+from fin_plant.ros_environment import FAST_DDS_PROFILE, LOCALHOST_PROFILE, PROFILES, RANGE
+from support.processes import ROOT
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -77,6 +78,47 @@ def test_what_contradicts_is_named(given: dict[str, str], word: str) -> None:
 def test_what_does_not_contradict_is_not_named() -> None:
     kept = {"ROS_STATIC_PEERS": "1.2.3.4", "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "ROS_LOCALHOST_ONLY": "0"}
     assert ros_environment.contradictions(kept | {PROFILES: "/my/profile.xml"}) == []
+
+
+HERE = {PROFILES: str(LOCALHOST_PROFILE), RANGE: "SYSTEM_DEFAULT"}
+ANYWHERE = {PROFILES: str(FAST_DDS_PROFILE)}
+
+
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, HERE),
+        ({RANGE: "", "ROS_STATIC_PEERS": "", PROFILES: "", "RMW_IMPLEMENTATION": ""}, HERE),
+        ({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp", "ROS_DOMAIN_ID": "7"}, HERE),
+        ({RANGE: "SUBNET"}, ANYWHERE),
+        ({RANGE: "LOCALHOST"}, ANYWHERE),
+        ({RANGE: "SYSTEM_DEFAULT"}, ANYWHERE),
+        ({"ROS_STATIC_PEERS": "192.0.2.7"}, ANYWHERE),
+        ({"ROS_LOCALHOST_ONLY": "0"}, ANYWHERE),
+        ({"ROS_DISCOVERY_SERVER": "192.0.2.7:11811"}, ANYWHERE),
+        ({"FASTDDS_DEFAULT_PROFILES_FILE": "/my/profile.xml"}, ANYWHERE),
+        ({PROFILES: "/my/profile.xml"}, {}),
+        ({PROFILES: "/my/profile.xml", RANGE: "SUBNET"}, {}),
+        ({"RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp"}, {}),
+        ({"RMW_IMPLEMENTATION": "rmw_zenoh_cpp", RANGE: "SUBNET"}, {}),
+    ],
+)
+def test_nodes_stay_on_this_machine_unless_the_user_has_said_otherwise_here_and_in_the_shell(
+    given: dict[str, str], expected: dict[str, str], tmp_path: Path
+) -> None:
+    assert ros_environment.discovery(given, tmp_path) == expected
+    assert ros_environment.discovery(given | expected, tmp_path) == {}  # a program that it starts says the same
+    asked = {name: value for name, value in os.environ.items() if name not in {PROFILES, RANGE}} | given
+    script = f". '{ROOT}/scripts/environment.sh'; exec env --null"
+    told = subprocess.run(["bash", "-euc", script], env=asked, cwd=tmp_path, capture_output=True, text=True, check=True)
+    result = dict(line.split("=", 1) for line in told.stdout.split("\0") if line)
+    for name in (PROFILES, RANGE):
+        assert result.get(name, "") == (given | expected).get(name, "")
+
+
+def test_a_profile_in_the_folder_is_the_user_s_own(tmp_path: Path) -> None:
+    (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_text("<dds/>")
+    assert ros_environment.discovery({}, tmp_path) == {}
 
 
 def prepared(**variables: str) -> subprocess.CompletedProcess[str]:

@@ -20,6 +20,20 @@ if TYPE_CHECKING:
 
 EXIT_USAGE = 2
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_PROFILES_IN_FOLDER = ("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml")
+"""Fast DDS reads them where a program is started."""
+_REACH = frozenset(
+    (
+        RANGE,
+        "ROS_STATIC_PEERS",
+        "ROS_LOCALHOST_ONLY",
+        "ROS_DISCOVERY_SERVER",
+        "FASTDDS_DEFAULT_PROFILES_FILE",
+        "FASTDDS_ENVIRONMENT_FILE",
+    )
+)
+"""Variables by which a user says whom a node is to find."""
 # Discovery within 0.2 s, and acknowledgements within milliseconds: with Fast DDS's own settings a reader acknowledges
 # every three seconds, and a plant that waits for its listeners would stand still.
 FAST_DDS_PROFILE = Path(__file__).with_name("fast_dds_profile.xml")
@@ -46,7 +60,25 @@ def prepare() -> None:
         for note in contradictions(os.environ):
             print(f"note: {note}", file=sys.stderr)  # noqa: T201
         os.environ[_NOTED] = "1"
-    os.environ.setdefault(PROFILES, str(FAST_DDS_PROFILE))
+    os.environ.update(discovery(os.environ, Path.cwd()))
+
+
+def discovery(environment: Mapping[str, str], folder: Path) -> dict[str, str]:
+    """Return the variables to set besides those given, for a program that is started in ``folder``: this machine only.
+
+    A robot's graph takes commands from whoever is on it, so other computers are a decision of the person: whoever has
+    named a reach (any of `_REACH`) gets the quick profile without a reach of its own; whoever has a profile or another
+    middleware, nothing. Tools without any setting see the nodes on the same machine. `scripts/environment.sh` has the
+    same rule for the command line.
+    """
+    given = {name for name, value in environment.items() if value}
+    has_profile = PROFILES in given or any((folder / name).exists() for name in _PROFILES_IN_FOLDER)
+    if has_profile or "fastrtps" not in (environment.get("RMW_IMPLEMENTATION") or "fastrtps"):
+        return {}
+    if given & _REACH:
+        return {PROFILES: str(FAST_DDS_PROFILE)}
+    # With the range LOCALHOST, ROS 2 would add the shared memory that the profile leaves out.
+    return {PROFILES: str(LOCALHOST_PROFILE), RANGE: "SYSTEM_DEFAULT"}
 
 
 def refuse(what: str) -> NoReturn:
