@@ -37,6 +37,7 @@ def quality(durability: QosDurability = QosDurability.VOLATILE) -> Qos:
 
 VELOCITY = BagTopic("/fish/velocity", "geometry_msgs/msg/TwistStamped", quality())
 STATE = BagTopic("/fish/plant_state", "diagnostic_msgs/msg/DiagnosticStatus", quality(QosDurability.TRANSIENT_LOCAL))
+JOINTS = BagTopic("/fish/joint_states", "sensor_msgs/msg/JointState", quality())
 GAIT = BagTopic("/fish/gait", "std_msgs/msg/Float64MultiArray", quality())
 
 
@@ -48,6 +49,15 @@ def velocity(stamp: int, forward: float) -> bytes:
     twist = types["geometry_msgs/msg/Twist"](vector(forward, 0.0, 0.0), vector(0.0, 0.0, 0.0))
     message = types[VELOCITY.type_name](header, twist)
     return bytes(message_types().serialize_cdr(message, VELOCITY.type_name))
+
+
+def joint_states(stamp: int, torque: float, rate: float) -> bytes:
+    """Return a serialised JointState of a tail with one servo."""
+    types = message_types().types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND)), "")
+    numbers = (np.array([value]) for value in (0.1, rate, torque))
+    message = types[JOINTS.type_name](header, ["tail_joint_1"], *numbers)
+    return bytes(message_types().serialize_cdr(message, JOINTS.type_name))
 
 
 def state(name: str, stamp: int, **details: str) -> bytes:

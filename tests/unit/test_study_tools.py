@@ -12,13 +12,12 @@ import subprocess
 import sys
 from typing import TYPE_CHECKING
 
-import numpy as np
 import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
 from fin_optimizer import export, score_bag, show_study
-from fin_optimizer.bag import BagTopic, BagWriter, message_types, velocity_samples
+from fin_optimizer.bag import BagWriter, velocity_samples
 from fin_optimizer.cma import CmaEs
 from fin_optimizer.generations import OneByOne
 from fin_optimizer.genetic import GeneticAlgorithm
@@ -30,7 +29,17 @@ from fin_optimizer.search import Dimension, HillClimber, Space
 from fin_optimizer.study import Objective, Policy, Settings, Study, front, read_trials
 from fin_optimizer.throughput import throughput
 from fin_optimizer.trial import Outcome, Result
-from support.bags import SECOND, START, STATE, STEP, VELOCITY, quality, state, velocity, write_swim
+from support.bags import (
+    JOINTS,
+    START,
+    STATE,
+    STEP,
+    VELOCITY,
+    joint_states,
+    state,
+    velocity,
+    write_swim,
+)
 from support.old_studies import take_off_check_sums
 
 if TYPE_CHECKING:
@@ -48,18 +57,6 @@ SEARCHES: dict[str, Callable[[], Search]] = {
     "genetic": lambda: OneByOne(GeneticAlgorithm(SPACE, 7, DEVIATIONS, population=6)),
     "CMA-ES": lambda: OneByOne(CmaEs(SPACE, 7, population=6)),
 }
-
-
-JOINTS = BagTopic("/fish/joint_states", "sensor_msgs/msg/JointState", quality())
-
-
-def joint_states(stamp: int, torque: float, rate: float) -> bytes:
-    """Return a serialised JointState of a tail with one servo."""
-    types = message_types().types
-    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](*divmod(stamp, SECOND)), "")
-    numbers = (np.array([value]) for value in (0.1, rate, torque))
-    message = types[JOINTS.type_name](header, ["tail_joint_1"], *numbers)
-    return bytes(message_types().serialize_cdr(message, JOINTS.type_name))
 
 
 def outcome(number: int, values: dict[str, float], *, with_cost: bool = False) -> Result:

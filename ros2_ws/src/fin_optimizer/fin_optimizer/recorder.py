@@ -88,7 +88,7 @@ class Recorder:
     ) -> None:
         self._minimum_free = minimum_free
         self._queue: deque[tuple[str, bytes]] = deque()
-        self._extent = _Extent()
+        self._extent = Extent()
         self._ears = {topic.name: _Ear(node, topic, self._queue, self._extent, namespace) for topic in topics}
         # What the plant says of itself is taken before its streams, so that the end of a swim is known before it comes.
         self._turns = sorted(self._ears.values(), key=lambda ear: ear.topic is not PLANT_STATE)
@@ -247,7 +247,7 @@ class Recorder:
         return writer.close()
 
 
-class _Extent:
+class Extent:
     """Until when the streams of a swim are recorded. A plant that runs fast goes on for long before it is stopped."""
 
     def __init__(self) -> None:
@@ -275,7 +275,7 @@ class _Ear:
     """Listens to one topic; ``queue`` gets its messages while a bag is open."""
 
     def __init__(
-        self, node: Node, topic: Topic[Any], queue: deque[tuple[str, bytes]], extent: _Extent, namespace: str
+        self, node: Node, topic: Topic[Any], queue: deque[tuple[str, bytes]], extent: Extent, namespace: str
     ) -> None:
         self._extent = extent
         self._node = node

@@ -1,0 +1,94 @@
+"""Numbers of the optimiser that are known beforehand, by hand or by another way than the code takes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from fin_optimizer.curve import simulated_speed
+from fin_optimizer.experiments import LENGTH, MODULUS, model_speeds
+from fin_optimizer.graph import OPTIMIZER_PARAMETERS, SIMULATOR_PARAMETERS
+from fin_optimizer.journal import StudyError
+from fin_optimizer.plan import Plan
+from fin_optimizer.recorder import Extent
+from fin_optimizer.score import Measurement
+from fin_optimizer.score_bag import scored_swim
+from fin_optimizer.search import Dimension, Evaluation, HillClimber, Space
+from fin_plant.fin import Fin
+from fin_plant.gait import PAPER_GAIT
+from fin_sim import swim
+from fin_sim.paper_models import mathematical_model
+from support.bags import SECOND, START, STEP, joint_states, state
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_the_energy_of_a_metre_is_the_servos_power_over_the_speed() -> None:
+    """A speed that rises from rest to 0.2 m/s has a mean of 0.1 m/s; 2 N m at 0.5 rad/s are 1 W: 10 J a metre."""
+    measurement = Measurement(duration=2.0)
+    stamps = START + STEP * np.arange(201)
+    joints = [joint_states(int(stamp), torque=2.0, rate=0.5) for stamp in stamps]
+    velocity = (stamps, 0.1 * (stamps - START) / SECOND)
+    scored, energy = scored_swim(velocity, joints, measurement.window(START), measurement)
+    assert scored.value == pytest.approx(0.1, rel=1e-12)
+    assert energy == pytest.approx(10.0, rel=1e-12)
+
+
+def test_each_fin_of_the_pareto_front_is_a_parent_as_often() -> None:
+    """Of 300 draws among three each gets 100, with a standard deviation of 8.2; far ones would tell of a preference."""
+    space = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"),))
+    front = [(1e9, 0.01, 1.0), (2e9, 0.02, 2.0), (3e9, 0.03, 3.0)]
+    history = [Evaluation({MODULUS: modulus}, speed, energy) for modulus, speed, energy in front]
+    history += [Evaluation({MODULUS: 3.5e9}, 0.02, 3.5), Evaluation({MODULUS: 1.5e9}, None)]  # behind the front
+    children = [HillClimber(space, seed, {MODULUS: 1e5}).propose(history)[MODULUS] for seed in range(300)]
+    counts = [sum(abs(child - modulus) < 1e6 for child in children) for modulus, *_ in front]
+    assert sum(counts) == 300
+    assert min(counts) > 100 - 5 * 8.2
+    assert max(counts) < 100 + 5 * 8.2
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("gait.amplitude", 0.2), ("gait.frequency", 1.1), ("fin.thickness", 0.0005), ("seed", 7)]
+)
+def test_a_study_is_not_gone_on_with_by_another_gait_or_fin(tmp_path: Path, name: str, value: float) -> None:
+    given = {"study_folder": str(tmp_path / "study")}
+    Plan(OPTIMIZER_PARAMETERS.checked(given)).study().close()
+    other = Plan(OPTIMIZER_PARAMETERS.checked({**given, name: value}))
+    with pytest.raises(StudyError, match=rf"{name} is .* there and {value:g} here"):
+        other.study()
+
+
+def test_the_curve_behind_the_trials_is_the_mean_speed_over_the_window_that_is_scored() -> None:
+    """Way over time between the window's ends, which no mean of speeds has a part in; other windows differ by 20 %."""
+    measurement = Measurement(settle=3.0, duration=2.0)
+    simulator = SIMULATOR_PARAMETERS.checked({})
+    speed = simulated_speed(MODULUS, Fin(), PAPER_GAIT, measurement, simulator)(1.5e9)
+    swum = swim(Fin(young_modulus=1.5e9), duration=5.0)
+    (start,), (end,) = np.nonzero(swum.time == 3.0), np.nonzero(swum.time == 5.0)
+    way = float(np.hypot(swum.x[end] - swum.x[start], swum.y[end] - swum.y[start])[0])
+    assert speed == pytest.approx(way / 2.0, rel=0.02)
+
+
+def test_streams_are_recorded_until_half_a_second_after_the_window() -> None:
+    extent = Extent()
+    extent.begin(Measurement(settle=1.0, duration=2.0))
+    assert not extent.is_over(START + 100 * SECOND)  # no swim has begun
+    extent.note(state("READY", START - SECOND))
+    extent.note(state("SWIMMING", START))
+    end = START + 3 * SECOND + SECOND // 2
+    assert not extent.is_over(end)
+    assert extent.is_over(end + 1)
+    assert extent.is_over(end + 5 * SECOND)
+    assert not extent.is_over(end + 10_000 * SECOND)  # of another clock: it is kept, and told
+
+
+@pytest.mark.parametrize("length", [0.06, 0.08])
+def test_the_model_of_the_campaign_is_that_of_the_simulator(length: float) -> None:
+    moduli = np.array([0.8e9, 1.6e9, 3.2e9])
+    batch = model_speeds({MODULUS: moduli, LENGTH: np.full(3, length)})
+    height = Fin().area / length
+    fins = [Fin(young_modulus=modulus, length=length, height=height, tip_height=height) for modulus in moduli]
+    assert batch == pytest.approx([mathematical_model(fin) for fin in fins], rel=2e-3)
