@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +13,7 @@ from fin_optimizer.bag import BagTopic, BagWriter, message_types
 from fin_optimizer.score import Measurement
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
 SECOND = 1_000_000_000
@@ -76,10 +78,10 @@ def gait(amplitude: float = 0.3) -> bytes:
     return bytes(message_types().serialize_cdr(message, GAIT.type_name))
 
 
-def write_swim(path: Path, duration: float = 2.0) -> Path:
+def write_swim(path: Path, duration: float = 2.0, metadata: Mapping[str, str] = MappingProxyType({})) -> Path:
     """Write the bag of a whole trial from rest, 100 velocities a second, some chunks long; return its folder."""
-    metadata = {"trial.number": "7", **Measurement(duration=duration).metadata()}
-    with BagWriter(path, (VELOCITY, STATE, GAIT), metadata) as writer:
+    told = {"trial.number": "7", **Measurement(duration=duration).metadata(), **metadata}
+    with BagWriter(path, (VELOCITY, STATE, GAIT), told) as writer:
         writer.write(STATE.name, state("READY", START - SECOND))
         writer.write(STATE.name, state("SWIMMING", START))
         writer.write(GAIT.name, gait())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import io
+import json
 import math
 import os
 import re
@@ -418,6 +420,66 @@ def test_scores_have_a_header_for_a_person_only(
     header, _, lines = capsys.readouterr().out.partition("\n")
     assert header.split("  ")[0] == "speed (m/s)"
     assert lines == piped
+
+
+def test_scores_as_csv_and_json_have_units_and_the_dimensions_that_change(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    heights = (0.025, 0.03)
+    for number, height in enumerate(heights):
+        fin = {"fin.height": repr(height), "fin.length": "0.08", "fin.profile_height": "[]"}
+        write_swim(tmp_path / "bags" / f"trial_{number:04d}", metadata=fin)
+    assert score_bag.main([str(tmp_path / "bags")]) == 0
+    plain = [line.split()[:2] for line in capsys.readouterr().out.splitlines()]
+    assert score_bag.main([str(tmp_path / "bags"), "--csv"]) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert list(rows[0]) == ["bag", "fin.height (m)", "speed (m/s)", "spread (m/s)"]
+    assert [float(row["fin.height (m)"]) for row in rows] == [*heights]
+    assert [[row["speed (m/s)"], row["spread (m/s)"]] for row in rows] == plain, "every digit"
+    assert score_bag.main([str(tmp_path / "bags"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert [[repr(row["speed (m/s)"]), row["fin.height (m)"]] for row in told] == [
+        [words[0], height] for words, height in zip(plain, heights, strict=True)
+    ]
+
+
+@pytest.fixture
+def swum(tmp_path: Path) -> Path:
+    """Return the folder of a study of the shape, with five trials and one that a kill left open."""
+    folder = tmp_path / "swum"
+    given = {"search.length.minimum": 0.05, "search.length.maximum": 0.12}
+    plan = Plan(OPTIMIZER_PARAMETERS.checked({**given, "study_folder": str(folder)}))
+    with plan.study() as begun:
+        swim(begun, plan.search, 5)
+        following = begun.next_candidate(plan.search)
+        assert following is not None
+        begun.start(begun.propose(*following, "/fish").number)  # and then a kill
+    return folder
+
+
+@pytest.mark.parametrize(("name", "begins"), [("a.png", b"\x89PNG"), ("a.pdf", b"%PDF"), ("a.svg", b"<?xml")])
+def test_a_studys_picture_is_drawn_any_time_and_only_read_for_it(
+    swum: Path, tmp_path: Path, name: str, begins: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = {path: path.read_bytes() for path in swum.rglob("*") if path.is_file()}
+    assert show_study.main([str(swum), "--plot", str(tmp_path / name)]) == 0
+    assert (tmp_path / name).read_bytes().startswith(begins)
+    assert f"picture: {tmp_path / name}" in capsys.readouterr().out
+    assert {path: path.read_bytes() for path in swum.rglob("*") if path.is_file()} == before
+    take_off_check_sums(swum)
+    assert show_study.main(["--plot", str(swum)]) == 0
+    assert (swum / "speed_over_modulus.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_picture_that_cannot_be_drawn_is_named_after_the_table(
+    swum: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert show_study.main([str(swum), "--plot", str(tmp_path / "nowhere" / "a.png")]) == 1
+    shown = capsys.readouterr()
+    assert "best " in shown.out
+    assert shown.err.count("could not be drawn") == 1
+    assert show_study.main([str(swum), "--plot", str(tmp_path / "a.jpg")]) == 2
+    assert "must end in .png, .pdf or .svg" in capsys.readouterr().err
 
 
 def test_an_interrupted_trial_is_shown_apart_from_failed_ones(

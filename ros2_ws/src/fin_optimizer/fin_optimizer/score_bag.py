@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import csv
+import io
+import json
 import math
 import sys
 from pathlib import Path
@@ -30,6 +33,7 @@ from fin_optimizer.score import (
     score,
 )
 from fin_plant import validity
+from fin_plant.fin import FIN_PARAMETERS
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
@@ -39,6 +43,9 @@ if TYPE_CHECKING:
 
     from fin_optimizer.bag_reader import Bag
     from fin_optimizer.study import TrialRecord
+
+    _Scored = tuple[Path, Mapping[str, float], Mapping[str, str]]
+    """A bag, what its trial achieved by name and unit, and its metadata."""
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
 _JOURNAL_FILE = "journal.log"  # as fin_optimizer.study names it, which needs Optuna
@@ -228,19 +235,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if arguments is None:
         end_with_the_reader()
-    parser = argparse.ArgumentParser(
-        prog="score_bag",
-        description="Print one line a recorded trial: mean forward speed (m/s), its spread (m/s), in a study of it "
-        "the cost of transport (J/m), and the bag.",
-    )
-    parser.add_argument(
-        "paths", nargs="+", type=Path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
-    )
-    parser.add_argument(
-        "--settle", type=float, metavar="S", help="time from the gait's start to the window, of bags that do not say it"
-    )
-    parser.add_argument("--duration", type=float, metavar="S", help="length of the window, likewise")
+    parser = _parser()
     words = parser.parse_args(arguments)
+    as_table = words.csv or words.json
+    rows: list[_Scored] = []
     measured = _measured(words.settle, words.duration, parser)
     failed = False
     heads: list[str] = []
@@ -255,22 +253,93 @@ def main(arguments: Sequence[str] | None = None) -> int:
             failed = _tell(refused)
         for path, trial in wanted:
             try:
-                numbers, guarded = numbers_of(path, trial, measured)
+                numbers, bag = numbers_of(path, trial, measured)
             except MissingMeasurementError as error:
                 failed = _tell(f"{path}: {error}; --settle and --duration say it")
                 continue
             except (BagError, ScoreError) as error:
                 failed = _tell(f"{path}: {error}")
                 continue
-            if sys.stdout.isatty() and heads != [*numbers]:  # a program that reads the numbers knows what they are
-                heads = [*numbers]
-                sys.stdout.write(f"{' '.join(f'{head:<20}' for head in heads)} bag\n")
-            sys.stdout.write(f"{' '.join(map(repr, numbers.values()))} {path}\n")
+            rows.append((path, numbers, bag.metadata))
+            if not as_table:
+                heads = _print_line(path, numbers, heads)
             if trial is not None and (differs := difference(numbers, trial)):
                 failed = _tell(f"{path}: {differs}")
-            without_sums.append(not guarded)
+            without_sums.append(not bag.guarded)
+    sys.stdout.write(_tables(rows, words))
     _tell_unguarded(without_sums)
     return 2 if failed else 0
+
+
+def _tables(scored: Sequence[_Scored], words: argparse.Namespace) -> str:
+    """Return the table that was asked for, or an empty text."""
+    if words.json:
+        return _as_json(_table(scored))
+    return _as_csv(_table(scored)) if words.csv else ""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="score_bag",
+        description="Print one line a recorded trial, or a table with heads: mean forward speed (m/s), its spread "
+        "(m/s), in a study of it the cost of transport (J/m), and the bag.",
+    )
+    parser.add_argument(
+        "paths", nargs="+", type=Path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
+    )
+    parser.add_argument(
+        "--settle", type=float, metavar="S", help="time from the gait's start to the window, of bags that do not say it"
+    )
+    parser.add_argument("--duration", type=float, metavar="S", help="length of the window, likewise")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--csv", action="store_true", help="a table with units in its head, and each number that varies")
+    form.add_argument("--json", action="store_true", help="the same as JSON, null for what is not known")
+    return parser
+
+
+def _print_line(path: Path, numbers: Mapping[str, float], heads: list[str]) -> list[str]:
+    """Print a bag's numbers, on a terminal below their heads where these are not ``heads``; return the heads."""
+    if sys.stdout.isatty() and heads != [*numbers]:  # a program that reads the numbers knows what they are
+        sys.stdout.write(f"{' '.join(f'{head:<20}' for head in numbers)} bag\n")
+    sys.stdout.write(f"{' '.join(map(repr, numbers.values()))} {path}\n")
+    return [*numbers]
+
+
+def _table(scored: Sequence[_Scored]) -> list[dict[str, object]]:
+    """Return a row a bag by heads with units: the fin's parameters that differ among the bags, and what it achieved."""
+    told = dict.fromkeys(name for _, _, metadata in scored for name in metadata if name in FIN_PARAMETERS)
+    varied = [name for name in told if len({metadata.get(name) for _, _, metadata in scored}) > 1]
+    heads = {name: f"{name} ({FIN_PARAMETERS[name].unit})" if FIN_PARAMETERS[name].unit else name for name in varied}
+    measured = dict.fromkeys(name for _, numbers, _ in scored for name in numbers)
+    return [
+        {
+            "bag": str(path),
+            **{head: _value(metadata.get(name)) for name, head in heads.items()},
+            **{name: numbers.get(name) for name in measured},
+        }
+        for path, numbers, metadata in scored
+    ]
+
+
+def _value(text: str | None) -> object:
+    """Return a parameter that a bag's metadata tell: a number where it is one."""
+    try:
+        return None if text is None else json.loads(text)
+    except ValueError:
+        return text
+
+
+def _as_csv(table: Sequence[Mapping[str, object]]) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, table[0] if table else ["bag", _SPEED, _SPREAD], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(table)
+    return text.getvalue()
+
+
+def _as_json(table: Sequence[Mapping[str, object]]) -> str:
+    known = [{n: None if isinstance(v, float) and math.isnan(v) else v for n, v in row.items()} for row in table]
+    return json.dumps(known, indent=1, allow_nan=False) + "\n"
 
 
 def _measured(settle: float | None, duration: float | None, parser: argparse.ArgumentParser) -> dict[str, str]:
@@ -334,8 +403,8 @@ def _trials(path: Path) -> tuple[dict[Path, TrialRecord], str]:
 
 def numbers_of(
     path: Path, trial: TrialRecord | None, measured: Mapping[str, str] = MappingProxyType({})
-) -> tuple[dict[str, float], bool]:
-    """Return what a bag's trial achieved, by name and unit, and whether check sums guard it.
+) -> tuple[dict[str, float], Bag]:
+    """Return what a bag's trial achieved, by name and unit, and the bag.
 
     Args:
         path: The bag.
@@ -358,7 +427,7 @@ def numbers_of(
     numbers = {_SPEED: result.value, _SPREAD: result.spread}
     if with_cost:
         numbers[_COST] = math.nan if cost is None else cost
-    return numbers, bag.guarded
+    return numbers, bag
 
 
 def difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
