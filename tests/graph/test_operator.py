@@ -100,7 +100,7 @@ class Terminal:
             self.process.kill()
             self.process.wait()
         os.close(self._slave)
-        self._reader.join(5.0)
+        self._reader.join(60.0)
         os.close(self._master)
 
 
@@ -152,7 +152,7 @@ def test_a_person_leads_the_robot_from_its_start_to_a_stopped_swim(terminal: Ter
     terminal.press("d")
     terminal.wait_for("Hands off the tail", "deactivate: done")
     terminal.press("q")
-    assert terminal.process.wait(10.0) == 0
+    assert terminal.process.wait(60.0) == 0
     assert terminal.restored()
 
 
@@ -179,7 +179,7 @@ def test_a_signal_ends_it_without_a_traceback_and_gives_the_terminal_back(
         terminal.press("\x03")
     else:
         terminal.process.send_signal(number)
-    assert terminal.process.wait(10.0) == 128 + number
+    assert terminal.process.wait(60.0) == 128 + number
     assert terminal.restored()
     assert "Traceback" not in terminal.output()
 

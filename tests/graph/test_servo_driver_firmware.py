@@ -143,7 +143,7 @@ class Board:
         """Switch it off."""
         assert self._process.stdin is not None
         self._process.stdin.close()
-        self._process.wait(10.0)
+        self._process.wait(60.0)
         self._reader.join()
         assert self._process.stdout is not None
         self._process.stdout.close()
@@ -306,7 +306,7 @@ def test_the_pulses_stop_when_the_driver_is_asked_to_end(
 ) -> None:
     swim(client, board, 100)
     driver.signal(number)
-    assert driver.wait(10.0) == 128 + number
+    assert driver.wait(60.0) == 128 + number
     wait_until(board.silent, 30.0, "silence")
     check_end(board)
     widths = np.array([pulse.set_width for pulse in board.pulses[:-1]])
@@ -329,7 +329,7 @@ def test_a_killed_driver_leaves_the_firmware_pulsing_and_its_successor_stops_it(
     with RobotClient(ros_domain) as anew:  # the first client still waits for the dead driver's answers
         anew.make_ready()
         successor.signal(signal.SIGTERM)
-        successor.wait(10.0)
+        successor.wait(60.0)
     wait_until(board.silent, 30.0, "silence")
 
 

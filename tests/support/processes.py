@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 INSTALL = ROOT / "ros2_ws" / "install"
 # A node has this long to stop after a signal. Generous: the machine may be busy, and a node that hangs fails anyway.
-STOP_SECONDS = 15.0
+STOP_SECONDS = 60.0
 _TAIL_LINES = 60
 
 

@@ -288,8 +288,8 @@ def test_a_kill_takes_at_most_the_last_second(tmp_path: Path) -> None:
         if written_at[-1] - written_at[0] > 2.75:  # between two flushes
             os.killpg(process.pid, signal.SIGKILL)
             break
-    late = [line for line in process.stdout if line.endswith("\n")]  # written before the kill came
-    written_at += [float(line.split()[1]) for line in late]
+    rest = [line for line in process.stdout if line.endswith("\n")]  # written before the kill came
+    written_at += [float(line.split()[1]) for line in rest]
     process.stdout.close()
     process.wait()
     bag = read_bag(path)
@@ -298,8 +298,9 @@ def test_a_kill_takes_at_most_the_last_second(tmp_path: Path) -> None:
     assert not (path / "metadata.yaml").exists()
     stamps, _ = bag.velocity()
     assert stamps.tolist() == [START + index * STEP for index in range(stamps.size)]
-    # A flush on a busy disk may take some time itself.
-    assert written_at[-1] - written_at[stamps.size - 1] < bag_module.FLUSH_PERIOD + 0.3
+    # A flush on a busy disk may take some time itself, and so may what is between two messages.
+    late = max(float(np.max(np.diff(written_at))), 0.01)
+    assert written_at[-1] - written_at[stamps.size - 1] < bag_module.FLUSH_PERIOD + 2.0 * late
     assert stamps.size < len(written_at)  # it was really killed while writing
 
 

@@ -87,7 +87,7 @@ class Study:
     def wait(self) -> int:
         """Wait for the end; return the exit code."""
         assert self.process is not None
-        return self.process.wait(20)
+        return self.process.wait(60.0)
 
     def end(self) -> None:
         """Leave nothing behind, whatever has failed."""
