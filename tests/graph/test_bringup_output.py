@@ -21,7 +21,7 @@ from fin_plant.messages import time_message
 from fin_plant.plant_state import State
 from fin_servo_driver.emulator.devices import Firmata
 from support.processes import executable_path, workspace_environment
-from support.robot_client import ACTIVATE, CONFIGURE, RobotClient, plugged_in
+from support.robot_client import ACTIVATE, RobotClient, plugged_in
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def watch(person: RobotClient) -> None:
 def let_it_swim(person: RobotClient) -> None:
     """Do whatever the driver waits for, until the fish swims."""
     act = {
-        "configuring": lambda: person.change_state(CONFIGURE),
+        "configuring": person.configure,
         "fin": person.confirm_fin,
         "arming": lambda: person.change_state(ACTIVATE),
         "mark": person.confirm_mark,

@@ -193,7 +193,7 @@ def test_a_bag_is_played_at_its_own_pace_with_a_clock_from_the_middle(
     assert stamps == START + round(SWIM * 10**9)
     assert ear.recorder.received(topics.VELOCITY) == 51
     assert clocks == sorted(clocks)
-    assert START + 0.5e9 <= clocks[0] < START + 0.7e9
+    assert clocks[0] >= START + 0.5e9
 
 
 @pytest.mark.parametrize("rate", ["0", "50"])

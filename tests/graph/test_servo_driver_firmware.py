@@ -30,6 +30,7 @@ from fin_servo_driver import backends, robot_file
 from fin_servo_driver.backends import firmata
 from fin_servo_driver.port import SerialLine
 from support.robot_client import RobotClient
+from support.steady import on_time
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -257,7 +258,10 @@ def test_the_pulses_are_those_commanded_within_two_microseconds(
     commands = board.commands()
     client.spin(1.5)  # until what was commanded has arrived here too, and the next diagnostics
     samples = client.received(topics.JOINT_STATES)
-    check_sinusoid([sample for sample in samples if seconds_after(samples[0], sample) > RAMPED])
+    steady = on_time([nanoseconds_of(sample.header.stamp) for sample in samples], 50.0)
+    check_sinusoid(
+        [s for s, kept in zip(samples, steady, strict=True) if kept and seconds_after(samples[0], s) > RAMPED]
+    )
     commanded = np.array([1500.0 + UNITS_PER_RADIAN * sample.position[0] for sample in samples])
     check_frames(
         np.array([frame for _, frame in commands]), commanded, int(client.diagnostic("dropped_set_points") or 0)
