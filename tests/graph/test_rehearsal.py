@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from rclpy.node import NodeNameNonExistentError
 
 from fin_optimizer.study import read_trials
 from fin_optimizer.trial import Outcome
@@ -38,6 +40,19 @@ def play_a_thrust_of_long_ago(domain: int) -> None:
         assert publisher.wait_for_all_acked()
 
 
+def clients_while(domain: int, study: StartedProcess) -> dict[str, set[str]]:
+    """Return the services, without their folders, of which each node has ever held a client while the study ran."""
+    held: dict[str, set[str]] = {}
+    with RobotClient(domain) as client:
+        while study.running:
+            for name, namespace in client._node.get_node_names_and_namespaces():
+                with contextlib.suppress(NodeNameNonExistentError):  # it has just ended
+                    services = client._node.get_client_names_and_types_by_node(name, namespace)
+                    held.setdefault(name, set()).update(service.rpartition("/")[2] for service, _ in services)
+            client.spin(0.1)
+    return held
+
+
 @pytest.mark.timeout(180)
 def test_the_optimiser_works_against_the_hidden_fish_as_against_a_robot(
     start: Callable[..., StartedProcess], tmp_path: Path, ros_domain: int
@@ -46,7 +61,13 @@ def test_the_optimiser_works_against_the_hidden_fish_as_against_a_robot(
     words = ("plant:=rehearsal", "trials:=2", "measurement.duration:=3.0", f"study_folder:={study}")
     bringup = start("fin_optimizer", "bringup", *words)
     play_a_thrust_of_long_ago(ros_domain)
+    held = clients_while(ros_domain, bringup)
     assert bringup.wait(150.0) == 0, bringup.tail()
+    # A program asks, a person confirms: the rehearsal plays the person, and what it needs the optimiser has not.
+    person = {topics.CONFIRM_FIN_SERVICE, topics.CONFIRM_MARK_SERVICE, "change_state"}
+    assert person <= held["rehearsal"]
+    assert {topics.REQUEST_RESET_SERVICE, topics.SET_PARAMETERS_SERVICE} <= held["optimizer"]
+    assert not held["optimizer"] & {*person, topics.EMERGENCY_STOP_SERVICE}
     with (study / "trials.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2

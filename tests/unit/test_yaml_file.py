@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
 from typing import TYPE_CHECKING
 
 import pytest
 import yaml
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fin_plant import yaml_file
+from fin_plant import checks, json_file, yaml_file
 from fin_servo_driver import robot_file
-from fin_sim import swim_command
+from fin_sim import case, swim_command
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 if TYPE_CHECKING:
     from pathlib import Path
 
+CASE = """{"case": {"rho": 1000.0, "links": [{"length": 0.1}, {"length": 0.1, "height": 0.02, "length": 0.2}]}}"""
 ROBOT = robot_file.find("firmata").read_text(encoding="utf-8")
 
 
@@ -117,3 +120,85 @@ def test_a_parameter_file_with_a_key_twice_is_refused(tmp_path: Path, capsys: py
     path.write_text("/**:\n  ros__parameters:\n    fin.length: 0.08\n    fin.length: 0.09\n", encoding="utf-8")
     assert swim_command.main(["--params-file", str(path)]) == 2
     assert "line 4: key fin.length stands twice, first in line 3" in capsys.readouterr().err
+
+
+def test_json_refuses_a_key_that_stands_twice_with_its_place(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"key 'length' stands twice in case\.links\[2\]: keep one"):
+        json_file.parse(CASE)
+    with pytest.raises(ValueError, match="key 'a' stands twice in the outermost object"):
+        json_file.parse('{"a": {"b": 1, "b": 2}, "a": 1}')
+    path = tmp_path / "case.json"
+    path.write_text(CASE)
+    with pytest.raises(ValueError, match=r"case\.json: key 'length' stands twice"):
+        case.read_case(path)
+
+
+@pytest.mark.parametrize("text", ['{"a": NaN}', "[Infinity]", "[-Infinity]", "{", "", "[" * 100_000])
+def test_json_refuses_what_is_no_number_and_what_is_no_json(text: str) -> None:
+    with pytest.raises(ValueError, match=r".+"):
+        json_file.parse(text)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    )
+)
+def test_other_json_is_read_as_python_reads_it(content: object) -> None:
+    assert json_file.parse(json.dumps(content)) == content
+
+
+@pytest.mark.parametrize("text", ["1_000", "\uff11", "\u0661\u0662", "1e1_0", "0x10", "", "1,5", "1 000"])
+def test_a_number_on_a_command_line_is_one_in_plain_digits(text: str) -> None:
+    with pytest.raises(ValueError, match="could not convert"):
+        checks.read_number(text)
+    with pytest.raises(ValueError, match=r".+"):
+        checks.read_whole_number(text)
+
+
+@pytest.mark.parametrize(("text", "value"), [("1e9", 1e9), (".5", 0.5), ("-2.", -2.0), ("+3", 3.0), (" 4 ", 4.0)])
+def test_what_people_write_for_a_number_is_read(text: str, value: float) -> None:
+    assert checks.read_number(text) == value
+
+
+def test_a_parameter_file_s_underscored_number_is_refused_by_swim(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "parameters.yaml"
+    path.write_text("simulator:\n  ros__parameters:\n    fin.density: 1_000\n")
+    assert swim_command.main(["--params-file", str(path)]) == 2
+    assert "fin.density = '1_000' must be a number" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words", [["--duration", "1_0"], ["--sweep", "fin.length=0.05,1_0"], ["--fin.length", "0.0_8"]]
+)
+def test_an_underscored_number_is_refused_by_swim(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        code: object = swim_command.main(words)
+    except SystemExit as end:
+        code = end.code
+    assert code == 2
+    assert words[1].rpartition(",")[2] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "complaint"),
+    [
+        ("port", "", "port must be a text, got nothing: give the device's path, or leave the line out"),
+        ("port", "5", "port must be a text, got 5"),
+        ("port", "[a]", "port must be a text"),
+        ("device", "", "device must be a text, got nothing: name the back end"),
+    ],
+)
+def test_an_empty_line_of_a_robot_file_is_no_text(key: str, value: str, complaint: str) -> None:
+    lines = [f"{key}: {value}" if line.startswith(f"{key}:") else line for line in ROBOT.splitlines()]
+    with pytest.raises(ValueError, match=re.escape(complaint)):
+        robot_file.parse(yaml_file.parse("\n".join(lines)))
+
+
+def test_a_robot_file_without_a_port_has_none() -> None:
+    lines = [line for line in ROBOT.splitlines() if not line.startswith("port:")]
+    assert robot_file.parse(yaml_file.parse("\n".join(lines))).port == ""

@@ -349,7 +349,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="bench", description="Measure how fast many fish swim.")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats")
-    parser.add_argument("--repeats", type=int, help="of each measurement; the least time counts")
+    parser.add_argument("--repeats", type=checks.read_whole_number, help="of each measurement; the least time counts")
     options = parser.parse_args(arguments)
     sizes = QUICK if options.quick else FULL
     try:

@@ -30,7 +30,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from fin_optimizer import paper_report
 from fin_optimizer.experiments import EXPERIMENTS, Run, Study, groups, perform, plan
-from fin_plant import checks
+from fin_plant import checks, json_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -67,7 +67,7 @@ def _open_folder(folder: Path, study: Study) -> None:
         msg = f"cannot write to the folder {folder}: {error.strerror}; choose another one with --output"
         raise ValueError(msg) from None
     try:
-        found = json.loads(settings.read_text(encoding="utf-8"))
+        found = json_file.parse(settings.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         msg = f"{settings} cannot be read ({error}): move it away, or choose another folder with --output"
         raise ValueError(msg) from None
@@ -221,15 +221,21 @@ def _parser() -> argparse.ArgumentParser:
     add("experiments", nargs="*", metavar="EXPERIMENT", help=f"all, or some of: {names}")
     add("--output", type=Path, default=Path("runs/campaign"), help="folder of the results (default: %(default)s)")
     add("--variant", choices=("paper", "2012"), default="paper", help="sizes of the paper, or of Clark et al. 2012")
-    add("--seed", type=int, help="of all random numbers")
-    add("--hill-climber-runs", type=int, help="runs of the hill climber")
-    add("--hill-climber-candidates", type=int, help="fins that each of them tries")
-    add("--genetic-runs", type=int, help="runs of each genetic algorithm")
-    add("--population", type=int, help="individuals of a generation")
-    add("--generations", type=int, help="generations of a run")
-    add("--landscape", type=int, help="points over E, and over the length")
-    add("--modulus", type=float, nargs=2, metavar=("LOW", "HIGH"), help="range of E in GPa for experiments on E alone")
-    add("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: one a core)")
+    add("--seed", type=checks.read_whole_number, help="of all random numbers")
+    add("--hill-climber-runs", type=checks.read_whole_number, help="runs of the hill climber")
+    add("--hill-climber-candidates", type=checks.read_whole_number, help="fins that each of them tries")
+    add("--genetic-runs", type=checks.read_whole_number, help="runs of each genetic algorithm")
+    add("--population", type=checks.read_whole_number, help="individuals of a generation")
+    add("--generations", type=checks.read_whole_number, help="generations of a run")
+    add("--landscape", type=checks.read_whole_number, help="points over E, and over the length")
+    add(
+        "--modulus",
+        type=checks.read_number,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="range of E in GPa for experiments on E alone",
+    )
+    add("--workers", type=checks.read_whole_number, default=os.cpu_count() or 1, help="processes (default: one a core)")
     add("--dask", metavar="ADDRESS", help="carry the runs out on the Dask cluster with this scheduler")
     return parser
 

@@ -270,7 +270,7 @@ def _value(parameter: Parameter, text: str) -> Value:
         if parameter.kind == "string_array":
             return parameter.check(_words(text))
         # JSON's numbers and truth values, and what people write for numbers besides: 1e9, .5
-        value = json.loads(text.lower()) if parameter.kind != "double" else float(text)
+        value = json.loads(text.lower()) if parameter.kind != "double" else checks.read_number(text)
     except ValueError:
         value = text
     return parameter.check(value)

@@ -26,7 +26,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
 from fin_optimizer.bringup import find_executable
-from fin_plant import node_process, topics
+from fin_plant import checks, node_process, topics
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -200,7 +200,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 if a study failed."""
     parser = argparse.ArgumentParser(prog="lateness", description=__doc__.partition(":")[0])
     parser.add_argument("devices", nargs="*", metavar="DEVICE", help=f"(default: {' '.join(DEVICES)})")
-    parser.add_argument("--seconds", type=float, default=45.0, help="with each device (default: %(default)g)")
+    parser.add_argument(
+        "--seconds", type=checks.read_number, default=45.0, help="with each device (default: %(default)g)"
+    )
     options = parser.parse_args(arguments)
     if not _LEAST_SECONDS <= options.seconds < float("inf"):
         sys.stderr.write(f"lateness: error: --seconds {options.seconds:g} must be at least {_LEAST_SECONDS:g}\n")

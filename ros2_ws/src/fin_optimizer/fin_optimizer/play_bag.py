@@ -34,7 +34,7 @@ from fin_optimizer.bag import BagError, decode, has_header, is_known, shift_head
 from fin_optimizer.bag_integrity import UNGUARDED
 from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.playback import Playback
-from fin_plant import node_process, topics
+from fin_plant import checks, node_process, topics
 from fin_plant.discovery import End, ends_of, nobody_hears, policies
 from fin_plant.messages import NANOSECONDS, time_message
 
@@ -402,7 +402,7 @@ def quality(qos: Qos) -> QoSProfile:
 
 
 def _positive(text: str) -> float:
-    value = float(text)
+    value = checks.read_number(text)
     if not (math.isfinite(value) and value >= 0.0):
         msg = f"{text} must be a finite number, 0 or more"
         raise argparse.ArgumentTypeError(msg)

@@ -32,7 +32,7 @@ from fin_optimizer.score import (
     mean_power,
     score,
 )
-from fin_plant import validity
+from fin_plant import checks, validity
 from fin_plant.fin import FIN_PARAMETERS
 from fin_plant.plant_state import State
 
@@ -288,9 +288,12 @@ def _parser() -> argparse.ArgumentParser:
         "paths", nargs="+", type=Path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
     )
     parser.add_argument(
-        "--settle", type=float, metavar="S", help="time from the gait's start to the window, of bags that do not say it"
+        "--settle",
+        type=checks.read_number,
+        metavar="S",
+        help="time from the gait's start to the window, of bags that do not say it",
     )
-    parser.add_argument("--duration", type=float, metavar="S", help="length of the window, likewise")
+    parser.add_argument("--duration", type=checks.read_number, metavar="S", help="length of the window, likewise")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="a table with units in its head, and each number that varies")
     form.add_argument("--json", action="store_true", help="the same as JSON, null for what is not known")

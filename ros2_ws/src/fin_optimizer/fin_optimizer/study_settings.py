@@ -18,7 +18,7 @@ from optuna.study import StudyDirection
 from fin_optimizer.checksums import CHECK_SUM, check_sum
 from fin_optimizer.journal import StudyError
 from fin_optimizer.search import Dimension, Space
-from fin_plant import checks
+from fin_plant import checks, json_file
 from fin_plant.fin import AREA, scaled_to_area
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ class Settings:
             StudyError: It was written by a newer version, is not a study's, or was changed since.
         """
         try:
-            content = json.loads(text)
+            content = cast("Any", json_file.parse(text))
             _check_format(content["format"])
             _check_unchanged(text, content)
             space = Space(tuple(Dimension(**dimension) for dimension in content["space"]))

@@ -19,6 +19,28 @@ def describe_range(minimum: float, maximum: float, unit: str = "", *, exclusive_
     return f"{opening}{minimum:g}, {maximum:g}{closing}{suffix}"
 
 
+def read_number(text: str) -> float:
+    """Return the number that a text stands for; not what only Python takes for one: `1_000`, digits of other scripts.
+
+    Raises:
+        ValueError: It is no number.
+    """
+    if not text.isascii() or "_" in text:
+        msg = f"could not convert {text!r} to a number: write its digits from 0 to 9, a point, an exponent, no more"
+        raise ValueError(msg)
+    return float(text)
+
+
+def read_whole_number(text: str) -> int:
+    """Return the whole number that a text stands for, as `read_number` does.
+
+    Raises:
+        ValueError: It is none.
+    """
+    read_number(text)
+    return int(text)
+
+
 def number(
     name: str,
     value: SupportsFloat,

@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fin_plant import checks
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.line import DeviceError, LineStalledError, Stop, StopAskedError, StoppableLine
 from fin_servo_driver.port import SerialLine
@@ -160,7 +161,7 @@ class Calibration:
 
 
 def _number(text: str) -> float:
-    value = float(text)
+    value = checks.read_number(text)
     if not math.isfinite(value):
         msg = f"{text} is no finite number"
         raise ValueError(msg)
@@ -416,7 +417,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="calibrate_servo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("robot_file", type=Path, help="YAML file of the robot; start with a copy of an example")
-    parser.add_argument("--joint", type=int, default=1, help="number of the joint from the head (default: 1)")
+    parser.add_argument(
+        "--joint", type=checks.read_whole_number, default=1, help="number of the joint from the head (default: 1)"
+    )
     parser.add_argument("--port", default="", help="instead of the robot file's")
     given = parser.parse_args(arguments)
     stop = Stop()

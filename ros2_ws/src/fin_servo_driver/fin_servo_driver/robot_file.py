@@ -252,9 +252,14 @@ def parse(content: object) -> Robot:
             msg = f"joint {number}: {error}"
             raise ValueError(msg) from None
     timing = _mapping("timing", top.get("timing", {}), allowed=tuple(item.name for item in fields(RelayTiming)))
+    for key, advice in (("device", "name the back end"), ("port", "give the device's path, or leave the line out")):
+        if not isinstance(top.get(key, ""), str):
+            got = "nothing" if top[key] is None else repr(top[key])
+            msg = f"{key} must be a text, got {got}: {advice}"
+            raise ValueError(msg)
     return Robot(
-        device=str(top["device"]),
-        port=str(top.get("port", "")),
+        device=top["device"],
+        port=top.get("port", ""),
         baud=checks.whole_number("baud", top.get("baud", 0), 0, 10_000_000),
         joints=tuple(joints),
         timing=RelayTiming(**timing),

@@ -8,13 +8,12 @@ The file holds an object ``case``: ``rho`` and ``normal_drag`` (water), ``body``
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import MISSING, dataclass, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from fin_plant import checks
+from fin_plant import checks, json_file
 from fin_plant.gait import Gait, JointDrive
 from fin_sim.chain import Chain
 from fin_sim.fish import Body, Link, Water
@@ -168,7 +167,7 @@ def read_case(path: Path) -> Case:
         OSError: The file cannot be read.
     """
     try:
-        return parse_case(json.loads(path.read_text(encoding="utf-8")))
+        return parse_case(json_file.parse(path.read_text(encoding="utf-8")))
     except ValueError as error:  # JSON's and Unicode's own errors among them
         msg = f"{path}: {error}"
         raise ValueError(msg) from None

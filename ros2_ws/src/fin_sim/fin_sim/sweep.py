@@ -190,7 +190,7 @@ def parse_axis(text: str) -> Axis:
             msg = f"sweep over {name}: it is no number; sweep over one that is"
             raise ValueError(msg)
     try:
-        values = _spaced(rule.split(":")) if ":" in rule else tuple(map(float, rule.split(",")))
+        values = _spaced(rule.split(":")) if ":" in rule else tuple(map(checks.read_number, rule.split(",")))
     except ValueError as error:
         msg = f"sweep {text!r} must read {name}=FIRST:LAST:COUNT[:log] or {name}=VALUE,VALUE,...: {error}"
         raise ValueError(msg) from None
@@ -203,9 +203,10 @@ def _spaced(parts: list[str]) -> tuple[float, ...]:
         msg = "three numbers, and log or nothing"
         raise ValueError(msg)
     first, last = (
-        checks.number(f"{end} value", float(part)) for end, part in zip(("first", "last"), parts, strict=False)
+        checks.number(f"{end} value", checks.read_number(part))
+        for end, part in zip(("first", "last"), parts, strict=False)
     )
-    count = checks.whole_number("count", float(parts[2]), 2, _LARGEST_SWEEP)
+    count = checks.whole_number("count", checks.read_number(parts[2]), 2, _LARGEST_SWEEP)
     if logarithmic and min(first, last) <= 0.0:
         msg = "a logarithmic sweep needs values above 0"
         raise ValueError(msg)

@@ -101,7 +101,7 @@ def _parser() -> argparse.ArgumentParser:
         if name in choices:
             gait.add_argument(f"--{name}", choices=choices[name], help=help_text)
         else:
-            gait.add_argument(f"--{name}", type=float, metavar="X", help=help_text)
+            gait.add_argument(f"--{name}", type=checks.read_number, metavar="X", help=help_text)
     out = parser.add_argument_group("what comes out; a file that exists is replaced, and the command says so")
     out.add_argument("--json", action="store_true", help="figures as JSON instead of a table")
     out.add_argument("--csv", metavar="FILE", help="the trajectory, or of a sweep the table; - is standard output")
@@ -124,7 +124,7 @@ def _value(parameter: Parameter, given: object) -> Value:
     """
 
     def number(item: object) -> object:
-        return float(item) if isinstance(item, str) else item
+        return checks.read_number(item) if isinstance(item, str) else item
 
     try:
         if parameter.kind == "double_array":
