@@ -17,7 +17,7 @@ from fin_optimizer.graph import PLANT_LIMITS, SIMULATOR, SIMULATOR_PARAMETERS
 from fin_optimizer.observation import Observation
 from fin_optimizer.plant_client import PlantClient
 from fin_optimizer.recorder import LONGEST_PAUSE, Recorder
-from fin_optimizer.score import ScoreError
+from fin_optimizer.score import NotThisSwimError, ScoreError
 from fin_optimizer.score_bag import scored_swim, start_of_swim
 from fin_optimizer.trial import PHASES_OF_VELOCITY, Action, Outcome, Result, Trial
 from fin_plant import topics
@@ -318,6 +318,8 @@ class Lane:
         try:
             window = self._plan.measurement.window(start_of_swim(states, self._recorded))  # as the bag will tell it
             scored, cost = scored_swim(velocity, joints, window, self._plan.measurement)
+        except NotThisSwimError as error:
+            return Result(Outcome.INTERRUPTED, error.reason)
         except ScoreError as error:
             return Result(Outcome.FAILED, error.reason)
         if self._plan.wants_cost and cost is None:

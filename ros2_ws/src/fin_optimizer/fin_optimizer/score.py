@@ -57,6 +57,10 @@ class ScoreError(ValueError):
         self.reason = reason
 
 
+class NotThisSwimError(ScoreError):
+    """What was recorded is not one swim from rest with the trial's fin, so it says nothing of the fin."""
+
+
 class MissingMeasurementError(ScoreError):
     """Nothing says which part of the swim counts."""
 
@@ -239,13 +243,14 @@ def check_swim(
         measurement: How it was measured.
 
     Raises:
-        ScoreError: The same value to the last bit for longer than LONGEST_GAP, as of a tracker that lost the fish, or
-            a mean forward speed in the `REST` before the gait, or just after its start, that is none of rest.
+        ScoreError: The same value to the last bit for longer than LONGEST_GAP, as of a tracker that lost the fish.
+        NotThisSwimError: A mean forward speed in the `REST` before the gait, or just after its start, that is none of
+            rest.
     """
     start = measurement.start_of(window)
     before = _speed_before(stamps_ns, forward_speed, start)
     if reason := measurement.no_rest(before):
-        raise ScoreError(reason)
+        raise NotThisSwimError(reason)
     inside = (stamps_ns >= start) & (stamps_ns <= window.end_ns)
     stamps, speed = stamps_ns[inside], forward_speed[inside]
     begins = np.flatnonzero(np.concatenate(([True], np.diff(speed) != 0.0)))[: stamps.size]

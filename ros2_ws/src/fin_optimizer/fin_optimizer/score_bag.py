@@ -25,6 +25,7 @@ from fin_optimizer.score import (
     NANOSECONDS,
     Measurement,
     MissingMeasurementError,
+    NotThisSwimError,
     Score,
     ScoreError,
     Window,
@@ -78,7 +79,7 @@ def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
         if differs := [name for name in fin if said.get(name, fin[name]) != fin[name]]:
             words = ", ".join(f"{name} = {said[name]} instead of {fin[name]}" for name in differs)
             msg = f"the fish swam with {words}: it is another fin's swim"
-            raise ScoreError(msg)
+            raise NotThisSwimError(msg)
         try:
             starts.add(int(said.get(_STAMP_KEY, "")))
         except ValueError:
@@ -88,7 +89,7 @@ def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
     if len(starts) != 1:
         what = "the bag holds more than one swim" if starts else "no swim begins in the bag"
         msg = f"plant_state tells {len(starts)} starts of a swim, needed is one: {what}"
-        raise ScoreError(msg)
+        raise NotThisSwimError(msg)
     return starts.pop()
 
 

@@ -438,7 +438,7 @@ class Trial:
             f"{self.phase}: the plant went to {facts.plant.state} {self.swum:.2f} s into a swim of "
             f"{self.measurement.settle + self.measurement.duration:g} s{why}"
         )
-        return Result(Outcome.FAILED, reason)
+        return Result(Outcome.INTERRUPTED, reason)  # gaits came too late, or a person had a part in it; never the fin
 
     @property
     def swum(self) -> float:
