@@ -23,13 +23,15 @@ elif [[ :$AMENT_PREFIX_PATH: != *":$fin_mode:"* ]]; then
     # shellcheck disable=SC1091
     . "$fin_mode/setup.bash"
 fi
-unset PYTHONHOME
+# What would have Python look for itself elsewhere, or ask for commands at its end.
+unset PYTHONHOME PYTHONPLATLIBDIR PYTHONINSPECT
 export VIRTUAL_ENV="$fin_root/.venv"
 case :$PATH: in
 *":$VIRTUAL_ENV/bin:"*) ;;
 *) export PATH="$VIRTUAL_ENV/bin:$PATH" ;;
 esac
-if [[ :$AMENT_PREFIX_PATH: != *":$fin_root/ros2_ws/install/fin_plant:"* ]]; then
+# Its packages come before others of the same name that PYTHONPATH may hold.
+if [[ :$AMENT_PREFIX_PATH: != *":$fin_root/ros2_ws/install/fin_plant:"* || $PYTHONPATH != "$fin_root/ros2_ws/"* ]]; then
     # shellcheck disable=SC1091
     . "$fin_root/ros2_ws/install/setup.bash"
 fi

@@ -4,6 +4,9 @@
 set -euo pipefail
 
 unset CDPATH # with it cd prints where it went
+# What is made here must not come from, or go to, where the user's other projects are.
+unset PYTHONHOME PYTHONPATH PYTHONPLATLIBDIR PYTHONINSPECT PYTHONOPTIMIZE PYTHONSAFEPATH PYTHONWARNINGS
+unset PIP_PREFIX PIP_REQUIRE_VIRTUALENV PIP_ROOT PIP_TARGET PIP_USER
 root=$(cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 venv=$root/.venv
@@ -147,7 +150,7 @@ build() {
         . "$mode/setup.bash"
         set -u
     fi
-    unset PYTHONHOME COLCON_PREFIX_PATH
+    unset COLCON_PREFIX_PATH
     cd "$root/ros2_ws"
     local marker=build/.started
     mkdir -p build
@@ -158,6 +161,8 @@ build() {
     # What an earlier build installed and this one did not.
     find install -mindepth 4 -maxdepth 4 -path 'install/*/lib/*' -type f -executable ! -newer "$marker" -delete
     find install -xtype l -delete
+    # colcon's scripts split a path at its spaces.
+    sed -i 's|\$(\$_colcon_python_executable |$("$_colcon_python_executable" |' install/local_setup.*sh
     start_quietly
 }
 

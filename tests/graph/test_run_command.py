@@ -29,11 +29,15 @@ def run(*arguments: str, environment: dict[str, str] | None = None) -> subproces
     )
 
 
-def test_without_arguments_it_lists_every_executable() -> None:
-    result = run()
+def test_without_arguments_it_lists_every_executable_with_what_it_does() -> None:
+    result = run(environment={"COLUMNS": "60"})
     assert result.returncode == 0
-    assert "./run fin_sim simulator\n" in result.stdout
-    assert "./run fin_optimizer optimizer\n" in result.stdout
+    lines = result.stdout.splitlines()
+    for package, executable in EXECUTABLES:
+        what = lines[lines.index(f"  ./run {package} {executable}") + 1]
+        assert what.startswith("      ")
+        assert what.strip()[0].isupper()
+    assert max(map(len, lines)) < 60
 
 
 @pytest.mark.parametrize(

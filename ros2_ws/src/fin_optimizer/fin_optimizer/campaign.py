@@ -31,6 +31,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from fin_optimizer import paper_report
 from fin_optimizer.experiments import EXPERIMENTS, Run, Study, groups, perform, plan
 from fin_plant import checks, json_file
+from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -219,7 +220,7 @@ def _parser() -> argparse.ArgumentParser:
     add = parser.add_argument
     names = ", ".join(EXPERIMENTS)
     add("experiments", nargs="*", metavar="EXPERIMENT", help=f"all, or some of: {names}")
-    add("--output", type=Path, default=Path("runs/campaign"), help="folder of the results (default: %(default)s)")
+    add("--output", type=given_path, default=Path("runs/campaign"), help="folder of the results (default: %(default)s)")
     add("--variant", choices=("paper", "2012"), default="paper", help="sizes of the paper, or of Clark et al. 2012")
     add("--seed", type=checks.read_whole_number, help="of all random numbers")
     add("--hill-climber-runs", type=checks.read_whole_number, help="runs of the hill climber")

@@ -6,16 +6,17 @@ import argparse
 import os
 import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.journal import StudyError
 from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.report import varied, with_unit
 from fin_optimizer.study import candidates, read_settings, read_trials
+from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from fin_optimizer.study import Candidate, Settings, TrialRecord
 
@@ -101,9 +102,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="export",
         description=f"Write a study as {CSV_FILE} and {PARQUET_FILE}: one row a trial, units in the header.",
     )
-    parser.add_argument("study", type=Path, metavar="STUDY", help="folder of the study")
+    parser.add_argument("study", type=given_path, metavar="STUDY", help="folder of the study")
     parser.add_argument(
-        "--into", type=Path, metavar="FOLDER", help="where the tables go; the study's folder if left out"
+        "--into", type=given_path, metavar="FOLDER", help="where the tables go; the study's folder if left out"
     )
     given = parser.parse_args(arguments)
     try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from fin_optimizer.generations import OneByOne
@@ -17,6 +16,7 @@ from fin_optimizer.study import SETTINGS_FILE, Objective, Policy, Settings, Stud
 from fin_optimizer.trial import Timeouts
 from fin_plant.fin import AREA, Fin
 from fin_plant.gait import Gait, JointDrive, carangiform
+from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -124,7 +124,7 @@ class Plan:
             ValueError: The folder cannot be used, or its study has other settings.
         """
         name = str(self.values["study_folder"]) or f"runs/{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
-        folder = Path(name).absolute()
+        folder = given_path(name).absolute()
         try:
             if (folder / SETTINGS_FILE).exists():
                 return Study.open(folder, self.settings)

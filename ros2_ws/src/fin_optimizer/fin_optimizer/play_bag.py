@@ -14,7 +14,6 @@ import importlib
 import math
 import sys
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rclpy.duration import Duration
@@ -37,6 +36,7 @@ from fin_optimizer.playback import Playback
 from fin_plant import checks, node_process, topics
 from fin_plant.discovery import End, ends_of, nobody_hears, policies
 from fin_plant.messages import NANOSECONDS, time_message
+from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -419,7 +419,7 @@ def parser() -> argparse.ArgumentParser:
         epilog="remaps and namespaces as for every node, for example --ros-args -r /fish/velocity:=/replay/velocity; "
         "services ~/pause and ~/resume",
     )
-    words.add_argument("bag", type=Path, metavar="BAG", help="folder of the bag, or its .mcap file")
+    words.add_argument("bag", type=given_path, metavar="BAG", help="folder of the bag, or its .mcap file")
     words.add_argument(
         "--rate", type=_positive, default=1.0, help="times the fish's pace; 0: as fast as listeners take it"
     )

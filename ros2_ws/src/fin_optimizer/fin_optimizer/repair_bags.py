@@ -11,16 +11,17 @@ import shutil
 import sys
 from dataclasses import dataclass
 from itertools import zip_longest
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.bag import BagError, BagTopic, BagWriter, lock
 from fin_optimizer.bag_files import bags_in
 from fin_optimizer.bag_integrity import MAGIC_SIZE
 from fin_optimizer.bag_reader import is_closed, is_own, mcap_file, read_bag
+from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from fin_optimizer.bag_reader import Bag
 
@@ -158,7 +159,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog="repair_bags",
         description="Close bags that a kill or a power cut left open. The optimiser does the same when it goes on.",
     )
-    parser.add_argument("paths", nargs="+", type=Path, metavar="PATH", help="a bag, a folder of bags, or a study")
+    parser.add_argument("paths", nargs="+", type=given_path, metavar="PATH", help="a bag, a folder of bags, or a study")
     code = 0
     for path in parser.parse_args(arguments).paths:
         try:

@@ -8,7 +8,6 @@ import io
 import json
 import math
 import sys
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -35,10 +34,12 @@ from fin_optimizer.score import (
 )
 from fin_plant import checks, validity
 from fin_plant.fin import FIN_PARAMETERS
+from fin_plant.paths import given_path
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -286,7 +287,7 @@ def _parser() -> argparse.ArgumentParser:
         "(m/s), in a study of it the cost of transport (J/m), and the bag.",
     )
     parser.add_argument(
-        "paths", nargs="+", type=Path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
+        "paths", nargs="+", type=given_path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
     )
     parser.add_argument(
         "--settle",

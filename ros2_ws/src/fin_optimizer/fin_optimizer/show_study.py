@@ -15,6 +15,7 @@ from fin_optimizer.report import FIGURE_FILE, in_words, show_number, trial_name,
 from fin_optimizer.study import SETTINGS_FILE, Objective, candidates, fastest, front, read_ledger, read_settings
 from fin_optimizer.trial import Outcome
 from fin_plant.figures import FORMATS, check_picture
+from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -176,12 +177,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         end_with_the_reader()
     parser = argparse.ArgumentParser(prog="show_study", description="Show a study's fins, the best first.")
-    parser.add_argument("study", type=Path, nargs="?", metavar="STUDY", help="its folder; it may be under way")
+    parser.add_argument("study", type=given_path, nargs="?", metavar="STUDY", help="its folder; it may be under way")
     parser.add_argument("--all", action="store_true", help="every fin, not only the best 20")
     parser.add_argument(
         "--plot",
         nargs="?",
-        type=Path,
+        type=given_path,
         const=_NO_PATH,
         metavar="PATH",
         help="draw its picture too, from the journal alone: into a file whose name ends in "

@@ -48,6 +48,24 @@ def _print_warnings_only() -> None:
     warnings.filters[:] = filters  # type: ignore[index]  # a list, in spite of its type
 
 
+def _import_own_packages_first() -> None:
+    """Have PYTHONPATH's other folders come last: a foreign numpy in one of them is not the one that is pinned here."""
+    workspace = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))  # noqa: PTH100, PTH120
+    own = (workspace, sys.prefix, sys.base_prefix)
+    sys.path.sort(key=lambda folder: not folder.startswith(own))
+
+
+def _open_closed_streams() -> None:
+    """Put nothing where a standard stream was closed from the start: the next file opened would take its place."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            nothing = os.open(os.devnull, os.O_RDWR)
+            if nothing != number:
+                os.dup2(nothing, number)
+                os.close(nothing)
+            setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8"))  # noqa: PTH123, SIM115
+
+
 class _BeforeRos(MetaPathFinder):
     """Looks at the environment before ROS 2 is loaded, which for some settings ends the process at once."""
 
@@ -83,7 +101,9 @@ def start(path: str) -> object:
 if __name__ == "__main__":
     _listen()
     try:
+        _open_closed_streams()
         _print_warnings_only()
+        _import_own_packages_first()
         sys.meta_path.insert(0, _BeforeRos())
         del sys.argv[0]
         sys.exit(start(sys.argv[0]))  # type: ignore[arg-type]  # what a main function returns

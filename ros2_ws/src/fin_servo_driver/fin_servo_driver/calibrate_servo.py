@@ -25,10 +25,10 @@ import sys
 import threading
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_plant import checks
+from fin_plant.paths import given_path
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.line import DeviceError, LineStalledError, Stop, StopAskedError, StoppableLine
 from fin_servo_driver.port import SerialLine
@@ -416,7 +416,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="calibrate_servo", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("robot_file", type=Path, help="YAML file of the robot; start with a copy of an example")
+    parser.add_argument("robot_file", type=given_path, help="YAML file of the robot; start with a copy of an example")
     parser.add_argument(
         "--joint", type=checks.read_whole_number, default=1, help="number of the joint from the head (default: 1)"
     )

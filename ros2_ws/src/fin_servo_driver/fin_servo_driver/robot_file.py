@@ -15,6 +15,7 @@ import yaml
 
 from fin_plant import checks, yaml_file
 from fin_plant.gait import MAXIMUM_JOINTS
+from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -213,7 +214,7 @@ def find(name: str) -> Path:
         raise ValueError(msg)
     if name in examples():
         return Path(str(resources.files("fin_servo_driver") / "robots" / f"{name}.yaml"))
-    path = Path(name).expanduser()
+    path = given_path(name)
     if not path.is_file():
         msg = f"robot_file = {name}: there is no such file, and no example of that name ({known})"
         raise ValueError(msg)

@@ -23,6 +23,7 @@ from fin_plant import checks, validity, yaml_file
 from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.fin import PLANT_PARAMETERS, SHAPES
 from fin_plant.parameters import ParameterTable
+from fin_plant.paths import given_path
 from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
@@ -68,11 +69,11 @@ def _parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     what = parser.add_argument_group("what swims")
-    what.add_argument("--case", type=Path, metavar="FILE", help="a case file, JSON, with every parameter")
+    what.add_argument("--case", type=given_path, metavar="FILE", help="a case file, JSON, with every parameter")
     what.add_argument("--material", metavar="NAME", help="material of the fin: its softest and stiffest grade swim")
     what.add_argument("--shape", choices=sorted(SHAPES), help="straight edges at the length and area that the fin has")
     what.add_argument(
-        "--params-file", type=Path, metavar="FILE", help="parameters as the node's --params-file takes them"
+        "--params-file", type=given_path, metavar="FILE", help="parameters as the node's --params-file takes them"
     )
     what.add_argument(
         "--sweep",
@@ -104,9 +105,16 @@ def _parser() -> argparse.ArgumentParser:
             gait.add_argument(f"--{name}", type=checks.read_number, metavar="X", help=help_text)
     out = parser.add_argument_group("what comes out; a file that exists is replaced, and the command says so")
     out.add_argument("--json", action="store_true", help="figures as JSON instead of a table")
-    out.add_argument("--csv", metavar="FILE", help="the trajectory, or of a sweep the table; - is standard output")
-    out.add_argument("--plot", type=Path, metavar="FILE", help="picture of the swim or the sweep, .png, .pdf or .svg")
-    out.add_argument("--animate", type=Path, metavar="FILE", help="animated swim, .gif or .mp4")
+    out.add_argument(
+        "--csv",
+        type=lambda text: str(given_path(text)),
+        metavar="FILE",
+        help="the trajectory, or of a sweep the table; - is standard output",
+    )
+    out.add_argument(
+        "--plot", type=given_path, metavar="FILE", help="picture of the swim or the sweep, .png, .pdf or .svg"
+    )
+    out.add_argument("--animate", type=given_path, metavar="FILE", help="animated swim, .gif or .mp4")
     numbers = parser.add_argument_group("parameters of fin, fish, water and servo, as the node names them")
     for name, entry in PARAMETERS.items():
         unit = f", {entry.unit}" if entry.unit else ""

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fin_plant.paths import given_path
 from fin_sim.validation import convergence, equations, measured, paper, reference
 from fin_sim.validation.page import render
 
@@ -16,8 +17,10 @@ if TYPE_CHECKING:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="validation", description=__doc__)
-    parser.add_argument("--data", type=Path, default=Path("tests/data"), help="reference cases, curves and swims")
-    parser.add_argument("--docs", type=Path, default=Path("docs"), help="where validation.md and figures/ are written")
+    parser.add_argument("--data", type=given_path, default=Path("tests/data"), help="reference cases, curves and swims")
+    parser.add_argument(
+        "--docs", type=given_path, default=Path("docs"), help="where validation.md and figures/ are written"
+    )
     return parser
 
 

@@ -1,0 +1,36 @@
+"""Paths as a person gives them, to a command, in an argument of a launch or in a parameter."""
+
+from __future__ import annotations
+
+import os
+from argparse import ArgumentTypeError
+from pathlib import Path
+
+
+class UnknownHomeError(ValueError, ArgumentTypeError):
+    """A path begins with the home of somebody who has none here."""
+
+
+def given_path(text: str) -> Path:
+    """Return the path that a text means; also a `type` of argparse.
+
+    A `~` or `~user` at its start is a home, as to the shell, which leaves it alone in `study_folder:=~/x`.
+
+    Raises:
+        UnknownHomeError: There is no such home; no folder by the name of `~` is made in its place.
+    """
+    path = os.path.expanduser(text)  # noqa: PTH111  (pathlib takes ./~ for a home too)
+    if path.startswith("~"):
+        home = path.split("/")[0]
+        msg = f"{text}: {home} is nobody's home here: give the whole path, or ./{text} for a folder of that name"
+        raise UnknownHomeError(msg)
+    return Path(path)
+
+
+def given_name(text: str) -> str:
+    """Return `given_path` as text, for what may also be `-`.
+
+    Raises:
+        UnknownHomeError: As there.
+    """
+    return str(given_path(text))
