@@ -13,7 +13,7 @@ import pytest
 from fin_plant import topics
 from fin_plant.gait import PAPER_GAIT
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
-from fin_plant.plant_state import State
+from fin_plant.plant_state import EMERGENCY, State
 from support.plant_client import PlantClient
 
 if TYPE_CHECKING:
@@ -279,3 +279,23 @@ WILD_FISH = (
     "body.mass:=0.001",
     "body.inertia:=1.0e-6",
 )
+
+
+def test_an_emergency_stop_is_latched_and_only_its_release_leads_on(
+    start: Callable[..., Any], client: PlantClient
+) -> None:
+    start_simulator(start)
+    client.wait_for_state(State.READY)
+    client.swim(PAPER_GAIT, seconds=0.5)
+    assert client.emergency_stop(on=True).success
+    stopped = client.wait_for_state(State.FAULT)
+    assert stopped.reason == EMERGENCY
+    assert stopped.waits_for_people  # so an optimiser waits
+    answer = client.request_reset()
+    assert not answer.success
+    assert answer.message == EMERGENCY
+    client.publish_gait(gait_message(PAPER_GAIT.rows()))
+    client.spin(0.2)
+    assert client.wait_for_state(State.FAULT).stamp == stopped.stamp
+    assert client.emergency_stop(on=False).success
+    assert not client.wait_for_state(State.READY).waits_for_people

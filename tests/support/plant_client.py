@@ -10,7 +10,7 @@ import rclpy
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter, parameter_value_to_python
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from fin_plant import ros_environment, topics
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
@@ -159,6 +159,10 @@ class PlantClient:
     def request_reset(self) -> Any:
         """Call ~/request_reset."""
         return self._call(Trigger, topics.REQUEST_RESET_SERVICE, Trigger.Request())
+
+    def emergency_stop(self, *, on: bool) -> Any:
+        """Call ~/estop."""
+        return self._call(SetBool, topics.EMERGENCY_STOP_SERVICE, SetBool.Request(data=on))
 
     def set_parameters(self, values: Mapping[str, Any]) -> Any:
         """Set parameters atomically; return the result."""

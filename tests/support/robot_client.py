@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from lifecycle_msgs.msg import State as LifecycleState
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import Trigger
 
 from fin_plant import topics
 from fin_plant.plant_state import State
@@ -49,10 +49,6 @@ class RobotClient(PlantClient):
     def life_cycle(self) -> int:
         """Return the state of the life cycle."""
         return int(self._call(GetState, "get_state", GetState.Request()).current_state.id)
-
-    def emergency_stop(self, *, on: bool) -> Any:
-        """Call ~/estop."""
-        return self._call(SetBool, topics.EMERGENCY_STOP_SERVICE, SetBool.Request(data=on))
 
     def confirm_fin(self) -> Any:
         """Call ~/confirm_fin when the question has stood long enough to be seen."""

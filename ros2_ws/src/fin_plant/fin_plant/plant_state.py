@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 
+EMERGENCY = "the emergency stop is latched: release it with ~/estop false"
+"""Why a plant is in FAULT after ``~/estop``."""
+RELEASE = "release"
+"""What it waits for then, in the detail ``waiting_for``."""
 LIMITS = ("limits.sweep", "limits.frequency")
 """Details of every plant: largest angle of a driven joint in rad and highest frequency in Hz to which a gait is cut."""
 

@@ -13,7 +13,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from fin_plant.fin import FIN_PARAMETERS, Fin
-from fin_plant.plant_state import State
+from fin_plant.plant_state import EMERGENCY, RELEASE, State
 from fin_servo_driver.fin_instruction import instruction
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 LEAST_SIGHT = 0.2
 """s for which a question must have stood before an answer counts: within less no person can have seen it."""
-EMERGENCY = "the emergency stop is latched: release it with ~/estop false"
 MARK = "bring the fish back to its mark, then confirm it"
 NOT_CONFIGURED = "the driver is not configured"
 
@@ -35,7 +34,7 @@ class Waiting(Enum):
     FIN = "fin"
     ARMING = "arming"
     MARK = "mark"
-    RELEASE = "release"
+    RELEASE = RELEASE
     DEVICE = "device"
 
 

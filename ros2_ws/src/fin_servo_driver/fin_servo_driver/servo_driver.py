@@ -29,7 +29,7 @@ from fin_plant.messages import (
 )
 from fin_plant.node_parameters import NodeParameters
 from fin_plant.parameters import ParameterTable, Value, load_table
-from fin_plant.plant_state import LIMITS, PlantState, State
+from fin_plant.plant_state import EMERGENCY, LIMITS, PlantState, State
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.diagnosis import Counters, describe
 from fin_servo_driver.emergency_stop import EmergencyStop
@@ -37,7 +37,7 @@ from fin_servo_driver.io_thread import IoThread
 from fin_servo_driver.line import DeviceError
 from fin_servo_driver.port import SerialLine, name_warning
 from fin_servo_driver.relay import RelayMotion
-from fin_servo_driver.robot_states import EMERGENCY, NOT_CONFIGURED, Device, RobotStates, Waiting
+from fin_servo_driver.robot_states import NOT_CONFIGURED, Device, RobotStates, Waiting
 from fin_servo_driver.set_points import ServoMotion
 from fin_servo_driver.tail import Command, Phase, Settings
 from fin_servo_driver.wall_clock import stamp_of

@@ -12,7 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
-from std_srvs.srv import Trigger
+from std_srvs.srv import SetBool, Trigger
 
 from fin_plant import node_process, topics, validity
 from fin_plant.discovery import ends_of, no_fresh_gait
@@ -28,7 +28,7 @@ from fin_plant.messages import (
 )
 from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.parameters import ParameterTable, Value
-from fin_plant.plant_state import LIMITS, PlantState, State
+from fin_plant.plant_state import EMERGENCY, LIMITS, RELEASE, PlantState, State
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
@@ -136,9 +136,11 @@ class Simulator:
         self._rejected_before = 0
         self._last_gait = -math.inf
         self._held_since: float | None = None
+        self._stopped = False
         self._backlog = 0
         self._gaits = node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
         node.create_service(Trigger, f"~/{topics.REQUEST_RESET_SERVICE}", self._on_request_reset)
+        node.create_service(SetBool, f"~/{topics.EMERGENCY_STOP_SERVICE}", self._on_emergency_stop)
         node.create_timer(1.0, self._publish_diagnostics)
 
     # -- state -------------------------------------------------------------------------------------------------------
@@ -172,9 +174,11 @@ class Simulator:
             self._number("speed") if self._state is State.SWIMMING else min(self._number("speed"), 1.0) or 1.0
         )
         fin = {name: as_text(value) for name, value in self._values.items() if name.startswith("fin.")}
-        limits = {name: as_text(self._values[name]) for name in LIMITS}
+        details = {name: as_text(self._values[name]) for name in LIMITS}
+        if self._stopped:
+            details["waiting_for"] = RELEASE
         reason = "; ".join(filter(None, (self._reason, self._parameters.awaited)))
-        state = PlantState(self._state, "simulator", self._state_began, reason, fin, limits)
+        state = PlantState(self._state, "simulator", self._state_began, reason, fin, details)
         self._state_topic.publish(plant_state_message(state))
 
     def _parameters_changed(self, values: Mapping[str, Value]) -> None:
@@ -223,7 +227,20 @@ class Simulator:
         if changed:
             self._publish_gait_applied()
 
+    def _on_emergency_stop(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if request.data or self._stopped:
+            self._rest()
+            self._stopped = request.data
+            self._set_state(State.FAULT if self._stopped else State.READY, EMERGENCY if self._stopped else "")
+            self._publish_gait_applied()
+        response.success = True
+        response.message = "stopped; latched until ~/estop false" if self._stopped else "the stop is released"
+        return response
+
     def _on_request_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._stopped:
+            response.success, response.message = False, EMERGENCY
+            return response
         self._rest()
         self._set_state(State.READY)
         self._publish_gait_applied()
