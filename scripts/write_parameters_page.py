@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.graph import OPTIMIZER_PARAMETERS
-from fin_plant.checks import describe_range
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
 from fin_plant.parameters import Parameter, ParameterTable, load_table
 
@@ -28,24 +27,14 @@ goes on, and no gait starts one.
 """
 
 
-def value_range(parameter: Parameter) -> str:
-    """Return the values a parameter takes, as a reader would write them."""
-    if parameter.choices:
-        return ", ".join(parameter.choices)
-    if parameter.kind in {"double", "integer", "double_array"}:
-        return describe_range(parameter.minimum, parameter.maximum)
-    return {"bool": "true, false", "string": "text", "string_array": "texts"}[parameter.kind]
-
-
 def rows(parameters: Iterable[Parameter]) -> Iterable[str]:
     """Return the lines of a table of parameters."""
     yield "| parameter | unit | default | range | meaning, and where the default comes from |"
     yield "|---|---|---|---|---|"
     for parameter in parameters:
-        default = f"{parameter.default:g}" if isinstance(parameter.default, float) else str(parameter.default)
         fixed = " *Fixed while the node runs.*" if parameter.read_only else ""
         meaning = f"{parameter.description} {parameter.reason}".strip().replace("|", "\\|") + fixed
-        cells = (f"`{parameter.name}`", parameter.unit, default or "(empty)", value_range(parameter), meaning)
+        cells = (f"`{parameter.name}`", parameter.unit, parameter.shown_default, parameter.allowed, meaning)
         yield f"| {' | '.join(cells)} |"
 
 

@@ -63,11 +63,11 @@ def test_a_defect_while_it_closes_still_shuts_everything_down(ros_domain: int) -
     assert ended.stdout == "ROS is down\n"
 
 
-@pytest.mark.parametrize(("arguments", "code"), [("'--help'", 0), ("'--ros-args', '-p', 'speed:=-1.0'", 2)])
-def test_a_full_disk_does_not_change_the_exit_code(ros_domain: int, arguments: str, code: int) -> None:
-    script = f"import sys; from fin_sim import simulator; sys.argv[1:] = [{arguments}]; sys.exit(simulator.main())"
+@pytest.mark.parametrize(("arguments", "code"), [(("--help",), 0), (("--ros-args", "-p", "speed:=-1.0"), 2)])
+def test_a_full_disk_does_not_change_the_exit_code(ros_domain: int, arguments: tuple[str, ...], code: int) -> None:
+    command = [str(executable_path("fin_sim", "simulator")), *arguments]
     with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
-        ended = subprocess.run([sys.executable, "-c", script], stdout=full, stderr=full, timeout=60, check=False)
+        ended = subprocess.run(command, stdout=full, stderr=full, timeout=60, check=False)
     assert ended.returncode == code
 
 

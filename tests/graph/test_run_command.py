@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -10,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from fin_plant.fin import node_table
+from fin_plant.node_help import usage
 from support.processes import INSTALL, ROOT, StartedProcess, workspace_environment
 from support.waiting import wait_until
 
@@ -38,6 +42,39 @@ def test_without_arguments_it_lists_every_executable_with_what_it_does() -> None
         assert what.startswith("      ")
         assert what.strip()[0].isupper()
     assert max(map(len, lines)) < 60
+
+
+NODES = ("optimizer", "rehearsal", "servo_driver", "simulator", "velocity_estimator")
+
+
+@pytest.mark.parametrize(
+    ("package", "executable"),
+    [pytest.param(*pair, marks=() if pair[1] in NODES else pytest.mark.long) for pair in EXECUTABLES],
+)
+def test_help_fits_the_screen_and_needs_no_ros_that_can_start(package: str, executable: str) -> None:
+    result = run(package, executable, "--help", environment={"COLUMNS": "80", "ROS_DOMAIN_ID": "300"})
+    assert (result.returncode, result.stderr) == (0, "")
+    assert executable in result.stdout
+    assert max(map(len, result.stdout.splitlines())) < 80
+
+
+@pytest.mark.parametrize("node", NODES)
+def test_the_help_of_a_node_lists_every_parameter_that_it_has(node: str) -> None:
+    (package,) = (package for package, executable in EXECUTABLES if executable == node)
+    text = usage(package, node, "A node.", node_table(package, node), 80)
+    module = importlib.import_module(f"{package}.{node}")
+    declared = vars(module).get("PARAMETERS") or module.OPTIMIZER_PARAMETERS
+    assert re.findall(r"^  ([a-z][a-z_.]+): ", text, re.MULTILINE) == list(declared)
+
+
+def test_the_help_of_a_node_says_type_unit_default_range_meaning_and_what_is_fixed() -> None:
+    words = "body.width: double, m, default 0.045, [0.005, 1] Width of the body. "
+    assert words in " ".join(usage("fin_sim", "simulator", "", node_table("fin_sim", "simulator"), 60).split())
+    rehearsal = " ".join(usage("", "", "", node_table("fin_servo_driver", "rehearsal"), 80).split())
+    assert "operator.acts: bool, default true Play the operator as well" in rehearsal
+    assert "Factor on the simulator's drag. Fixed while the node runs." in rehearsal
+    estimator = node_table("fin_servo_driver", "velocity_estimator")
+    assert "one of quaternion, yaw What the tracker" in " ".join(usage("", "", "", estimator, 80).split())
 
 
 @pytest.mark.parametrize(

@@ -202,10 +202,9 @@ def test_a_bad_start_value_ends_the_process_with_2_and_says_why(
     assert parameter.split(":=", maxsplit=1)[0] in process.output()
 
 
-@pytest.mark.parametrize(("argument", "code"), [("--help", 0), ("--bogus", 2)])
-def test_an_argument_that_is_none_starts_no_node(start: Callable[..., Any], argument: str, code: int) -> None:
-    process = start("fin_sim", "simulator", argument)
-    assert process.wait(timeout=20) == code
+def test_an_argument_that_is_none_starts_no_node(start: Callable[..., Any]) -> None:
+    process = start("fin_sim", "simulator", "--bogus")
+    assert process.wait(timeout=20) == 2
     assert "--ros-args -p PARAMETER:=VALUE" in process.output()
 
 

@@ -163,7 +163,8 @@ def test_words_that_are_no_arguments_are_refused() -> None:
 
 
 def test_the_help_lists_every_argument_with_its_default() -> None:
-    text = usage()
+    text = usage(80)
+    assert max(map(len, text.splitlines())) < 80
     for argument in graph.arguments():
         assert f"  {argument.name}:={argument.default or '(empty)'}\n" in text
     assert "speed:=0.0" in text

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer import graph
 from fin_plant import ros_environment
+from fin_plant.node_help import screen_width, wrap
 from fin_plant.output import outlast_the_reader
 
 if TYPE_CHECKING:
@@ -268,10 +269,10 @@ def parse(words: Iterable[str]) -> dict[str, str]:
     return given
 
 
-def usage() -> str:
-    """Return the help text with every argument and its default."""
+def usage(width: int) -> str:
+    """Return the help text with every argument and its default, for a screen of so many columns."""
     lines = ["usage: bringup [name:=value ...]", "", "arguments:"]
-    lines += [f"  {a.name}:={a.default or '(empty)'}\n      {a.description}" for a in graph.arguments()]
+    lines += [f"  {a.name}:={a.default or '(empty)'}\n{wrap(a.description, width, 6, 6)}" for a in graph.arguments()]
     return "\n".join(lines)
 
 
@@ -280,7 +281,7 @@ def main() -> int:
     outlast_the_reader()
     words = sys.argv[1:]
     if {"-h", "--help"} & set(words):
-        sys.stdout.write(usage() + "\n")
+        sys.stdout.write(usage(screen_width()) + "\n")
         return 0
     ros_environment.prepare()
     try:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, cast
 
 from fin_plant import checks
-from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
+from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, node_table
 from fin_plant.parameters import ParameterTable, load_table
 from fin_servo_driver import robot_file
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 NAMESPACE = "/fish"
 OPTIMIZER = "optimizer"
-OPTIMIZER_PARAMETERS = ParameterTable({**load_table("fin_optimizer", "optimizer_parameters.yaml"), **FIN_PARAMETERS})
+OPTIMIZER_PARAMETERS = node_table("fin_optimizer", OPTIMIZER)
 """The optimiser's own parameters and the fin that its search starts from."""
 
 SIMULATOR = "simulator"

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 PLANT_PARAMETERS: ParameterTable = load_table("fin_plant", "plant_parameters.yaml")
 FIN_PARAMETERS: ParameterTable = PLANT_PARAMETERS.group("fin")
+_SHARED = {"simulator": PLANT_PARAMETERS, "servo_driver": PLANT_PARAMETERS, "optimizer": FIN_PARAMETERS}
+"""What a node has besides the table that bears its name: the optimiser the fin that its search starts from."""
 
 SHAPES = {"rectangular": 1.0, "flaring": 3.0, "tapered": 1.0 / 3.0}
 """Named fins: height at the tip over height at the root. A fin that triples is a delta that a servo can still hold."""
@@ -26,6 +28,15 @@ AREA = "fin.area"
 """Side area in m^2, by the name under which a study that varies a fin's length holds it; no parameter of a plant."""
 
 Hinges = Literal["between", "midpoint"]
+
+
+def node_table(package: str, node: str) -> ParameterTable:
+    """Return every parameter of a node, its own first.
+
+    Raises:
+        FileNotFoundError: The package has no table of parameters by that name.
+    """
+    return ParameterTable({**load_table(package, f"{node}_parameters.yaml"), **_SHARED.get(node, {})})
 
 
 @dataclass(frozen=True)

@@ -85,10 +85,9 @@ def _refuse_words(program: str, *words: str) -> int | None:
     """Say how a node is started if its command line has words that are not for ROS; return the exit code then."""
     if not words:
         return None
-    usage = f"usage: {Path(program).name} [--ros-args -p PARAMETER:=VALUE ...]; parameters stand in docs/parameters.md"
-    asked = {"-h", "--help"} & set(words)
-    print(usage if asked else f"error: {words[0]!r} is no argument of a node\n{usage}", file=sys.stderr)  # noqa: T201
-    return EXIT_OK if asked else EXIT_USAGE
+    usage = f"usage: {Path(program).name} [--ros-args -p PARAMETER:=VALUE ...]; --help lists the parameters"
+    print(f"error: {words[0]!r} is no argument of a node\n{usage}", file=sys.stderr)  # noqa: T201
+    return EXIT_USAGE
 
 
 @contextlib.contextmanager

@@ -45,6 +45,22 @@ class Parameter:
     reason: str = ""
     read_only: bool = False
 
+    @property
+    def allowed(self) -> str:
+        """The values that it takes, without their unit, as a reader would write them."""
+        if self.choices:
+            return ", ".join(self.choices)
+        if self.kind in {"double", "integer", "double_array"}:
+            return checks.describe_range(self.minimum, self.maximum)
+        return {"bool": "true, false", "string": "text", "string_array": "texts"}[self.kind]
+
+    @property
+    def shown_default(self) -> str:
+        """The default as a reader would write it."""
+        if isinstance(self.default, bool):
+            return str(self.default).lower()
+        return f"{self.default:g}" if isinstance(self.default, float) else str(self.default) or "(empty)"
+
     def check(self, value: object) -> Value:
         """Return the value in the parameter's own type.
 

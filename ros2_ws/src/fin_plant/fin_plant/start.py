@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from types import FrameType, ModuleType
 
 INTERRUPTED = 128 + signal.SIGINT
+_HELP = frozenset(("-h", "--help"))
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:
@@ -67,10 +68,13 @@ def _open_closed_streams() -> None:
 
 
 class _BeforeRos(MetaPathFinder):
-    """Looks at the environment before ROS 2 is loaded, which for some settings ends the process at once."""
+    """Looks at the environment before ROS 2 is loaded, which for some settings ends the process at once.
+
+    Who asks for help only gets it in any environment.
+    """
 
     def find_spec(self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None) -> None:
-        if fullname == "rclpy":
+        if fullname == "rclpy" and not _HELP & set(sys.argv):
             from fin_plant import ros_environment  # noqa: PLC0415
 
             sys.meta_path.remove(self)
@@ -89,7 +93,13 @@ def start(path: str) -> object:
     from pathlib import Path  # noqa: PLC0415
 
     package, name = Path(path).parts[-2:]
-    main = distribution(package).entry_points.select(group="console_scripts", name=name)[name].load()
+    entry = distribution(package).entry_points.select(group="console_scripts", name=name)[name]
+    if _HELP & set(sys.argv):
+        from fin_plant.node_help import answer  # noqa: PLC0415
+
+        if answer(package, entry):
+            return 0
+    main = entry.load()
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         code: object = main()

@@ -1,14 +1,18 @@
-"""Calibrate a servo: step it to angles, measure where the joint stands, store the numbers in the robot's YAML file.
+"""Calibrate a servo, step by step, and store the numbers in its robot file.
 
-A program of its own, without a node: the servo driver must not have the port meanwhile. Every servo moves slowly, at
-300 units of the device (us, ticks) a second or at its joint's rate in the robot file, whichever is less. Ctrl-C ends it
-at any time, and takes the force away. Commands, one a line:
+It steps the servo to angles, you measure where the joint stands.
+
+A program of its own, without a node: the servo driver must not have the port
+meanwhile. Every servo moves slowly, at 300 units of the device (us, ticks) a
+second or at its joint's rate in the robot file, whichever is less. Ctrl-C ends
+it at any time, and takes the force away. Commands, one a line:
 
   + N, - N   move by N units of the device; N is 5 if left out
   = N        move to N
-  y          yes, also beyond the robot file's lowest and highest; asked for each move
+  y          yes, also beyond the robot file's lowest and highest; each time
   c          the joint is straight here: this is the centre
-  a DEGREES  the joint stands at this angle, to the left positive: gives scale and direction
+  a DEGREES  the joint stands at this angle, to the left positive: gives scale
+             and direction
   l, h       here is the lowest, highest position that the mechanism stands
   s          store and leave
   q          leave without storing

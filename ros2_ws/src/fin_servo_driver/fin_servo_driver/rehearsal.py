@@ -24,10 +24,9 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from fin_plant import node_process, topics
-from fin_plant.fin import Fin
+from fin_plant.fin import Fin, node_table
 from fin_plant.messages import plant_state_from_message, time_message
 from fin_plant.node_parameters import NodeParameters, create_node
-from fin_plant.parameters import load_table
 from fin_servo_driver import robot_file
 from fin_servo_driver.emulator.emulate import device_for, targets
 from fin_servo_driver.emulator.hidden_fish import SAMPLE_TIME, Camera, Deviation, HiddenFish
@@ -45,7 +44,7 @@ if TYPE_CHECKING:
     from fin_plant.parameters import Value
     from fin_plant.plant_state import PlantState
 
-PARAMETERS = load_table("fin_servo_driver", "rehearsal_parameters.yaml")
+PARAMETERS = node_table("fin_servo_driver", "rehearsal")
 DRIVER = "servo_driver"
 PLANT = "rehearsal"
 """What the driver of a rehearsal calls itself."""

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from fin_plant import node_process, topics
 from fin_plant.discovery import ends_of, no_fresh_gait
-from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, Fin
+from fin_plant.fin import FIN_PARAMETERS, Fin, node_table
 from fin_plant.gait import Gait
 from fin_plant.messages import (
     as_text,
@@ -28,7 +28,6 @@ from fin_plant.messages import (
     time_message,
 )
 from fin_plant.node_parameters import NodeParameters
-from fin_plant.parameters import ParameterTable, Value, load_table
 from fin_plant.plant_state import EMERGENCY, LIMITS, PlantState, State
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.diagnosis import Counters, describe
@@ -48,13 +47,13 @@ if TYPE_CHECKING:
     from lifecycle_msgs.srv import ChangeState
     from rclpy.node import Node
 
+    from fin_plant.parameters import Value
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.robot_states import Answer, Standing
     from fin_servo_driver.set_points import Motion
 
 RCLError = rclpy_implementation.RCLError
-SERVO_DRIVER_PARAMETERS = load_table("fin_servo_driver", "servo_driver_parameters.yaml")
-PARAMETERS = ParameterTable({**PLANT_PARAMETERS, **SERVO_DRIVER_PARAMETERS})
+PARAMETERS = node_table("fin_servo_driver", "servo_driver")
 MEASURED, COMMANDED = "measured", "commanded"
 """What joint_states carries, as its frame_id: a joint state has no frame of its own."""
 # What a line that stalls may add to the time that the tail takes to neutral.

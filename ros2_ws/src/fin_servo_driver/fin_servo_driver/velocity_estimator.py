@@ -13,9 +13,9 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from fin_plant import node_process, topics
 from fin_plant.discovery import ends_of, look_around, nothing_on, wanted
+from fin_plant.fin import node_table
 from fin_plant.messages import key_values, nanoseconds_of, plant_state_from_message, time_message
 from fin_plant.node_parameters import NodeParameters, create_node
-from fin_plant.parameters import load_table
 from fin_plant.plant_state import State
 from fin_servo_driver.pose_checks import Limits, Refusal, heading_of
 from fin_servo_driver.velocity_estimate import Settings, VelocityEstimator
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from fin_plant.parameters import Value
     from fin_servo_driver.velocity_estimate import Velocity
 
-PARAMETERS = load_table("fin_servo_driver", "velocity_estimator_parameters.yaml")
+PARAMETERS = node_table("fin_servo_driver", "velocity_estimator")
 _LOOK = 0.1
 _ANY_TRACKER = QoSProfile(
     reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=topics.POSE.qos.depth

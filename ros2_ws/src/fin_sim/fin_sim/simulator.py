@@ -16,7 +16,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from fin_plant import node_process, topics, validity
 from fin_plant.discovery import ends_of, no_fresh_gait
-from fin_plant.fin import PLANT_PARAMETERS, Fin
+from fin_plant.fin import Fin, node_table
 from fin_plant.gait import Gait, GaitFollower
 from fin_plant.messages import (
     as_text,
@@ -27,7 +27,6 @@ from fin_plant.messages import (
     time_message,
 )
 from fin_plant.node_parameters import NodeParameters, create_node
-from fin_plant.parameters import ParameterTable, Value
 from fin_plant.plant_state import EMERGENCY, LIMITS, RELEASE, PlantState, State
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
@@ -36,14 +35,15 @@ from fin_sim.markers import fish_markers
 from fin_sim.pace import Pace
 from fin_sim.servo import Servo, TailDrive
 from fin_sim.stream_messages import STREAMS, StreamMessages
-from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
-PARAMETERS = ParameterTable({**PLANT_PARAMETERS, **SIMULATOR_PARAMETERS})
+    from fin_plant.parameters import Value
+
+PARAMETERS = node_table("fin_sim", "simulator")
 # Each one quarters the step.
 _MOST_REFINEMENTS = 2
 _MARKERS_PER_SECOND = 10.0

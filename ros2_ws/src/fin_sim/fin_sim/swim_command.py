@@ -48,13 +48,18 @@ _SWIM_FAILED = 1
 _INTERRUPTED = 130
 _PIPE_WIDTH = 140
 _EXAMPLES = """examples:
-  swim                                              the paper's fish with the paper fin, 10 s
-  swim --fin.young_modulus 2e9 --plot swim.png      a stiffer fin, with a picture
-  swim --material PP                                a range of stiffness gives a range of speeds
-  swim --sweep fin.young_modulus=1e8:1e10:30:log --csv table.csv --plot sweep.png
+  swim
+      the paper's fish with the paper fin, 10 s
+  swim --fin.young_modulus 2e9 --plot swim.png
+      a stiffer fin, with a picture
+  swim --material PP
+      a range of stiffness gives a range of speeds
+  swim --sweep fin.young_modulus=1e8:1e10:30:log --csv E.csv --plot E.png
   swim --sweep fin.young_modulus=1e9,2e9 --sweep frequency=0.5:2:7
-  swim --clamp towed --tow_speed 0.03               thrust, power and efficiency at a given speed
-  swim --animate swim.gif                           body, fin and path from above
+  swim --clamp towed --tow_speed 0.03
+      thrust, power and efficiency at a given speed
+  swim --animate swim.gif
+      body, fin and path from above
   swim --case case.json --json --csv trajectory.csv
 """
 
