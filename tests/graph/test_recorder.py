@@ -62,7 +62,7 @@ for line in sys.stdin:
             message.header.stamp = time_message(START + index * STEP)
             message.header.frame_id = "base_link"
             if publisher is streams[2]:
-                message.twist.linear.x = 0.1 + 1e-3 / (index + 3)
+                message.twist.linear.x = 0.1 * index / (index + 30)
             publisher.publish(message)
         if index % SLICE == SLICE - 1:
             for publisher in streams:
