@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 import fin_sim
 from fin_plant.fin import Fin
+from fin_sim import materials_command
 from fin_sim.materials import material, materials
 from fin_sim.swim import swim
 
@@ -76,3 +78,28 @@ def test_material_without_a_modulus_cannot_be_cut() -> None:
 
 def test_every_material_is_asked_for_by_a_test() -> None:
     assert sorted(materials()) == sorted(WANTED)
+
+
+@pytest.mark.parametrize("columns", [60, 80])
+def test_listing_has_every_material_with_its_numbers_and_sources(
+    columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    assert materials_command.main([]) == 0
+    *lines, file = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) < columns
+    assert Path(file).is_file()
+    assert re.search(r"^PP +1\.07 to 1\.72 +900 to 910$", "\n".join(lines), re.MULTILINE)
+    words = " ".join(" ".join(lines).split())
+    for entry in materials().values():
+        for word in (f"{entry.key} ", entry.name, entry.modulus_source.rstrip("."), entry.density_source):
+            assert word in words
+
+
+def test_listing_as_json_has_si_units_and_null_for_what_nobody_states(capsys: pytest.CaptureFixture[str]) -> None:
+    materials_command.main(["--json"])
+    rows = {row["key"]: row for row in json.loads(capsys.readouterr().out)}
+    assert list(rows) == list(materials())
+    assert rows["PP"]["young_modulus"] == [1.07e9, 1.72e9]
+    assert rows["PP"]["units"] == {"young_modulus": "Pa", "density": "kg/m^3"}
+    assert rows["DM8510"]["young_modulus"] is None

@@ -26,6 +26,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "materials = fin_sim.materials_command:main",
             "simulator = fin_sim.simulator:main",
             "swim = fin_sim.swim_command:main",
             "validation = fin_sim.validation.command:main",

@@ -9,10 +9,10 @@ import time
 from typing import TYPE_CHECKING
 
 from fin_optimizer.journal import StudyError
-from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.report import varied, with_unit
 from fin_optimizer.study import candidates, read_settings, read_trials
 from fin_plant.paths import given_path
+from fin_plant.pipe import end_with_the_reader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -18,7 +18,6 @@ from fin_optimizer.bag_files import bags_in
 from fin_optimizer.bag_integrity import UNGUARDED
 from fin_optimizer.bag_reader import read_bag
 from fin_optimizer.journal import StudyError
-from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.report import trial_name
 from fin_optimizer.score import (
     NANOSECONDS,
@@ -35,6 +34,7 @@ from fin_optimizer.score import (
 from fin_plant import checks, validity
 from fin_plant.fin import FIN_PARAMETERS
 from fin_plant.paths import given_path
+from fin_plant.pipe import end_with_the_reader
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fin_optimizer.pipe import end_with_the_reader
 from fin_optimizer.progress import show_best
 from fin_optimizer.report import FIGURE_FILE, in_words, show_number, trial_name, varied
 from fin_optimizer.study import SETTINGS_FILE, Objective, candidates, fastest, front, read_ledger, read_settings
 from fin_optimizer.trial import Outcome
 from fin_plant.figures import FORMATS, check_picture
 from fin_plant.paths import given_path
+from fin_plant.pipe import end_with_the_reader
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence

@@ -13,6 +13,8 @@ from fin_plant import checks, yaml_file
 if TYPE_CHECKING:
     from fin_plant.fin import Fin
 
+MATERIALS_FILE = Path(__file__).with_name("materials.yaml")
+
 
 @dataclass(frozen=True)
 class Material:
@@ -66,7 +68,7 @@ def materials() -> dict[str, Material]:
     Raises:
         ValueError: An entry of the file that is incomplete.
     """
-    content = cast("dict[str, dict[str, Any]]", yaml_file.read(Path(__file__).parent / "materials.yaml"))
+    content = cast("dict[str, dict[str, Any]]", yaml_file.read(MATERIALS_FILE))
     table = {}
     for key, entry in content.items():
         modulus = entry.pop("young_modulus", None)

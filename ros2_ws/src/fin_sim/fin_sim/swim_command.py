@@ -75,7 +75,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     what = parser.add_argument_group("what swims")
     what.add_argument("--case", type=given_path, metavar="FILE", help="a case file, JSON, with every parameter")
-    what.add_argument("--material", metavar="NAME", help="material of the fin: its softest and stiffest grade swim")
+    what.add_argument(
+        "--material",
+        metavar="NAME",
+        help="of the fin: its softest and stiffest grade swim; the command materials lists them",
+    )
     what.add_argument("--shape", choices=sorted(SHAPES), help="straight edges at the length and area that the fin has")
     what.add_argument(
         "--params-file", type=given_path, metavar="FILE", help="parameters as the node's --params-file takes them"
