@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shlex
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
+from fin_plant.gait import JointDrive
+from fin_sim import case as case_files
+from fin_sim import swim_command
+from fin_sim.fish import Body, Link
+
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+SIMULATOR = (ROOT / "docs" / "simulator.md").read_text(encoding="utf-8")
+CONFIG = ROOT / "ros2_ws" / "src" / "fin_sim" / "config"
 
 
 def test_the_page_of_parameters_is_what_the_tables_give() -> None:
@@ -44,3 +54,43 @@ def test_every_parameter_in_the_readmes_table_exists() -> None:
     for name in names:
         full = f"search.young_modulus{name}" if name.startswith(".") else name
         assert f"| `{full}` |" in page, name
+
+
+def swim(command: str, capsys: pytest.CaptureFixture[str]) -> float:
+    """Run a command line of the program swim; return the mean speed in m/s."""
+    words = shlex.split(command)
+    assert swim_command.main([*words[words.index("swim") + 1 :], *(() if "--json" in words else ("--json",))]) == 0
+    return float(json.loads(capsys.readouterr().out)["mean_speed"])
+
+
+@pytest.mark.parametrize("file", ["my_fish.yaml", "my_case.json"])
+def test_the_example_of_a_file_swims_by_each_command_shown_at_the_speed_stated(
+    file: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (text,) = re.findall(rf"```{Path(file).suffix[1:]}\n(.*?)```", SIMULATOR, re.DOTALL)
+    Path(file).write_text(text, encoding="utf-8")
+    commands = re.findall(rf"^    \./run fin_sim (swim .*{file}.*)$", SIMULATOR, re.MULTILINE)
+    assert commands
+    speeds = [swim(command, capsys) for command in commands]
+    (stated,) = re.findall(r"mean speed of ([0-9.]+) m/s", SIMULATOR[SIMULATOR.index(text) :].split("\n## ")[0])
+    assert speeds[-1] == pytest.approx(float(stated), abs=0.6e-4)
+    if file == "my_case.json":
+        assert len(Path("trajectory.csv").read_text().splitlines()) == 202
+        assert "201 rows of a free swim" in SIMULATOR
+
+
+def test_the_page_of_the_simulator_names_every_key_of_a_case() -> None:
+    keys = set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`[^|]+) \|", SIMULATOR, re.MULTILINE))))
+    known = {item.name for kind in (Body, Link, JointDrive) for item in fields(kind)} | case_files._KEYS
+    assert keys - {"paper", "relay_tail", "sub_carangiform"} == known
+
+
+@pytest.mark.parametrize("file", sorted(CONFIG.glob("*")), ids=lambda path: path.name)
+def test_a_parameter_file_that_comes_with_the_package_swims_as_it_says(
+    file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert f"| `{file.name}` |" in SIMULATOR
+    monkeypatch.chdir(file.parent)
+    (command,) = re.findall(r"^#   (swim .*?)(?:   .*)?$", file.read_text(encoding="utf-8"), re.MULTILINE)
+    assert swim(command, capsys) > 0.01
