@@ -166,15 +166,22 @@ build() {
     start_quietly
 }
 
-# Makes fin_plant/start.py what starts the executables, with SIGINT held back until it listens. `env -S` also reads
-# the quotes that a path with spaces has.
+# Makes fin_plant/start.py what starts the executables, with SIGINT held back until it listens. `env -S` reads the
+# quotes that a path may need.
 start_quietly() {
-    local held=
+    local held='' first file
     if env --block-signal=INT true 2>/dev/null; then
         held=" --block-signal=INT"
     fi
-    find install -mindepth 4 -maxdepth 4 -path 'install/*/lib/*' -type f -executable -exec \
-        sed -i "1{/ fin_plant.start$/! s|^#!\(.*\)|#!/usr/bin/env -S$held \1 -P -m fin_plant.start|}" {} +
+    first="#!/usr/bin/env -S$held \"$venv/bin/python\" -P -m fin_plant.start"
+    if (($(printf '%s\n' "$first" | wc -c) > 255)); then
+        echo "the path $root is too long for the first line of a script, which Linux reads 255 bytes of: move it" >&2
+        return 1
+    fi
+    while IFS= read -r -d '' file; do
+        { printf '%s\n' "$first" && sed 1d "$file"; } >build/.executable
+        cat build/.executable >"$file"
+    done < <(find install -mindepth 4 -maxdepth 4 -path 'install/*/lib/*' -type f -executable -print0)
 }
 
 prepare_workspace() {
@@ -189,6 +196,10 @@ prepare_workspace() {
 }
 
 # ---------------------------------------------------------------------------------------------------------------
+if [[ $root == *[\"\$\`\\:]* || $root == *$'\n'* ]]; then
+    fail "the path $root has a character that the scripts of pip and colcon cannot take:" \
+        'one of " $ ` \ : or a line break. Rename the folder, or set up in another one'
+fi
 type -P flock >/dev/null || fail "the command flock is missing" "to get it: sudo apt install util-linux"
 # Runs when the command under way has ended, which Ctrl-C reaches too.
 trap 'printf "\nsetup: interrupted; run it again to go on\n" >&2; exit 130' INT

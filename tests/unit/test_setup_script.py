@@ -9,6 +9,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import pytest
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -126,14 +128,65 @@ def test_a_failed_installation_shows_its_output_and_is_not_taken_for_done(tmp_pa
         assert not (root / ".venv" / ".installed").exists()
 
 
-def test_run_before_the_set_up_says_so(tmp_path: Path) -> None:
-    root, environment = copy_of_scripts(tmp_path, (*TOOLS, "readlink", "sed"))
+def start_quietly(root: Path) -> subprocess.CompletedProcess[str]:
+    """Let the set-up write the first line of the one executable in this workspace."""
+    script = (
+        'set -euo pipefail; root=$1 venv=$1/.venv; eval "$(sed -n \'/^start_quietly()/,/^}/p\' "$2")"; start_quietly'
+    )
+    command = ["bash", "-c", script, "bash", str(root), str(ROOT / "scripts" / "setup.sh")]
+    return subprocess.run(command, cwd=root / "ros2_ws", capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(
+    "name", ["plain", "two words", "Ann's", 'Ann\'s "big" tank', "$HOME ${HOME}", "a\\b #c & |d", "Öl"]
+)
+def test_an_executable_starts_in_a_folder_of_any_name(name: str, tmp_path: Path) -> None:
+    root = tmp_path / name
+    executable = root / "ros2_ws" / "install" / "fin_sim" / "lib" / "fin_sim" / "swim"
+    for folder in (executable.parent, root / "ros2_ws" / "build", root / ".venv" / "bin"):
+        folder.mkdir(parents=True)
+    (root / ".venv" / "bin" / "python").symlink_to(str(shutil.which("printf")))
+    executable.write_text("#!/the/builders/python\nimport sys\n")
+    executable.chmod(0o755)
+    for _ in range(2):  # again as at first
+        assert start_quietly(root).returncode == 0
+        first, rest = executable.read_text().split("\n", 1)
+        assert (first[:15], rest) == ("#!/usr/bin/env ", "import sys\n")
+    executable.write_text(first.replace("-P -m", "%s,"))  # so that printf tells its arguments
+    told = subprocess.run([executable, "a b"], capture_output=True, text=True, check=True).stdout
+    assert told == f"fin_plant.start,{executable},a b,"
+
+
+@pytest.mark.parametrize("name", ['the "big" tank', "$HOME", "`id`", "a\\b", "a:b", "a\nb"])
+def test_a_folder_that_the_scripts_of_pip_and_colcon_cannot_take_is_refused(name: str, tmp_path: Path) -> None:
+    folder = tmp_path / "all" / name
+    folder.mkdir(parents=True)
+    root, environment = copy_of_scripts(folder)
+    result = set_up(root, environment | {"PATH": os.environ["PATH"]})
+    assert result.returncode == 1
+    assert "has a character that the scripts of pip and colcon cannot take" in result.stderr
+    assert not (root / ".venv").exists()
+
+
+def test_a_folder_whose_name_is_too_long_for_linux_is_refused(tmp_path: Path) -> None:
+    root = tmp_path / ("x" * 200)
+    (root / "ros2_ws" / "build").mkdir(parents=True)
+    result = start_quietly(root)
+    assert result.returncode == 1
+    assert f"the path {root} is too long" in result.stderr
+
+
+@pytest.mark.parametrize("words", [(), ("--help",), ("fin_sim", "simulator"), ("fin_sim", "simulator", "--help")])
+def test_run_before_the_set_up_says_so(words: tuple[str, ...], tmp_path: Path) -> None:
+    folder = tmp_path / "Ann's tank"
+    folder.mkdir()
+    root, environment = copy_of_scripts(folder, (*TOOLS, "readlink", "sed"))
     result = subprocess.run(
-        [str(root / "run"), "fin_sim", "simulator"],
+        [str(root / "run"), *words],
         env=os.environ | environment,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert result.returncode == 1
-    assert "run 'make setup'" in result.stderr
+    assert (result.returncode, result.stdout) == (1, "")
+    assert result.stderr == f"error: the workspace is not set up: run 'make setup' in {root}\n"
