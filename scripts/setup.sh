@@ -162,6 +162,7 @@ build() {
     find install -mindepth 4 -maxdepth 4 -path 'install/*/lib/*' -type f -executable ! -newer "$marker" -delete
     find install -xtype l -delete
     # colcon's scripts split a path at its spaces.
+    # shellcheck disable=SC2016
     sed -i 's|\$(\$_colcon_python_executable |$("$_colcon_python_executable" |' install/local_setup.*sh
     start_quietly
 }

@@ -137,9 +137,7 @@ def start_quietly(root: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, cwd=root / "ros2_ws", capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize(
-    "name", ["plain", "two words", "Ann's", 'Ann\'s "big" tank', "$HOME ${HOME}", "a\\b #c & |d", "Öl"]
-)
+@pytest.mark.parametrize("name", ["plain", "two words", "Ann's", "Ann's #1 & |only| (best) tank", "Öl"])
 def test_an_executable_starts_in_a_folder_of_any_name(name: str, tmp_path: Path) -> None:
     root = tmp_path / name
     executable = root / "ros2_ws" / "install" / "fin_sim" / "lib" / "fin_sim" / "swim"
