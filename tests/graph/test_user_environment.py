@@ -132,3 +132,17 @@ def test_a_home_is_found_that_the_shell_has_not_expanded(ros_domain: int, tmp_pa
     assert (tmp_path / "study" / "study.json").exists()
     assert list((tmp_path / "tables").iterdir())
     assert list(work.iterdir()) == []  # least of all one by the name of ~
+
+
+READ_ONLY = 'mount --bind "$1" "$1" && mount -o remount,ro,bind "$1" && shift && ! touch "$0/x" && exec "$@"'
+
+
+def test_a_set_up_checkout_that_cannot_be_written_to_swims(tmp_path: Path) -> None:
+    own_mounts = ["unshare", "--map-root-user", "--mount"]
+    if subprocess.run([*own_mounts, "true"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("this machine lets nobody make mounts of their own")
+    command = [*own_mounts, "bash", "-c", READ_ONLY, str(ROOT), str(ROOT), *SWIM]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert "Read-only file system" in result.stderr  # it was
+    assert json.loads(result.stdout) == _plain()
