@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -16,6 +18,18 @@ if TYPE_CHECKING:
 # An example proves what it proves however long it takes: a busy machine fails no test.
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
+
+
+_MINUTES = float(os.environ.get("NO_TEST_AFTER_MINUTES", "inf"))
+"""Where time is short: tests that would begin later are skipped, those before them count."""
+_BEGIN = time.monotonic()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Begin no test when time is up."""
+    if time.monotonic() - _BEGIN > 60.0 * _MINUTES:
+        pytest.skip(f"not begun within the {_MINUTES:g} minutes of NO_TEST_AFTER_MINUTES")
 
 
 @pytest.fixture

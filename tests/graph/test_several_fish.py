@@ -78,8 +78,8 @@ def test_a_fin_that_failed_on_every_fish_is_tried_again_until_it_is_given_up(sta
     for one in fish:
         one.wait_for_output("kernel ready")
     words = (f"study_folder:={folder}", f"plants:=[{','.join(FISH)}]", "trials:=1", "attempts:=4")
-    words += ("measurement.duration:=1.0", "measurement.largest_speed:=0.001")  # every swim is too fast to be believed
-    study = start("fin_optimizer", "optimizer", "--ros-args", *parameters(*words, "failures_in_a_row:=100"))
+    hasty = ("measurement.duration:=1.0", "measurement.largest_speed:=0.001")  # every swim is too fast to be believed
+    study = start("fin_optimizer", "optimizer", "--ros-args", *parameters(*words, *hasty, "failures_in_a_row:=100"))
     assert study.wait(60) == 1
     trials = read_trials(folder)
     assert [trial.outcome for trial in trials] == [Outcome.FAILED] * 4
