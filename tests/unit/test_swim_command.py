@@ -17,7 +17,7 @@ from fin_plant.fin import Fin
 from fin_plant.gait import carangiform
 from fin_sim import swim_command
 from fin_sim.dynamics import StepError
-from fin_sim.sweep import Axis, Plan, parse_axis, sweep_plans
+from fin_sim.sweep import Axis, Plan, parse_axis, sweep_plans, swim_all, swim_one
 from fin_sim.swim import swim
 
 if TYPE_CHECKING:
@@ -397,6 +397,12 @@ def test_sweep_leaves_a_gap_for_a_swim_that_diverges(
     assert [bool(row["mean_speed [m/s]"]) for row in rows] == [True, False, True]
     assert "frequency = 1: the state stopped being finite" in err
     assert (tmp_path / "sweep.png").is_file()
+
+
+def test_the_swims_of_a_sweep_come_in_order_and_are_those_that_swim_alone() -> None:
+    plans = [Plan({}, duration=0.3, frequency=frequency) for frequency in (3.0, 0.9, 2.0, 1.0, 5.0)]
+    with swim_all(plans, cores=3) as swims:
+        assert list(swims) == [swim_one(plan) for plan in plans]
 
 
 def test_interrupted_sweep_keeps_its_rows(

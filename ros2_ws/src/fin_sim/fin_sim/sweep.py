@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
-from fin_plant import checks
+from fin_plant import checks, validity
 from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.gait import Gait, gait_preset
 from fin_plant.parameters import ParameterTable, Value
 from fin_sim.chain import Clamp, Reactive, build_chain
+from fin_sim.dynamics import StepError
 from fin_sim.fish import Fish
 from fin_sim.servo import Servo
 from fin_sim.swim import SIMULATOR_PARAMETERS, swim
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterator, Mapping, Sequence
 
     from fin_sim.swim_result import Swim
 
@@ -276,3 +281,45 @@ FIGURES = (
 )
 SWEEP_TABLE = ("mean_speed", "steady_speed", "mean_thrust", "mean_servo_power", "efficiency", "strouhal_number")
 """What the table of a sweep shows; its CSV has every figure."""
+
+
+@dataclass(frozen=True)
+class Swum:
+    """What a sweep keeps of a swim.
+
+    Attributes:
+        figures: Each of `FIGURES` by name; None where it is not defined, or the swim failed.
+        warnings: What to know before they are believed.
+        failure: Why the swim failed, or empty.
+    """
+
+    figures: Mapping[str, float | None]
+    warnings: Sequence[str] = ()
+    failure: str = ""
+
+
+def swim_one(plan: Plan) -> Swum:
+    """Swim a plan and return its figures, or why there are none."""
+    try:
+        swum = plan.swim()
+        validity.refuse_folded(swum.largest_hinge_angle)
+        return Swum({figure.name: figure.of(swum) for figure in FIGURES}, tuple(swum.warnings))
+    except (StepError, validity.FoldedError) as error:
+        return Swum({figure.name: None for figure in FIGURES}, failure=str(error))
+
+
+@contextlib.contextmanager
+def swim_all(plans: Sequence[Plan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
+    """Swim plans on all cores; yield their outcomes in order. What is not asked for any more is not swum.
+
+    Args:
+        plans: To swim.
+        cores: Swims at a time; as many as this process may use if None.
+    """
+    count = cores or len(os.sched_getaffinity(0))
+    # The kernel runs beside other threads of Python; threads of the matrix exponential would only get in their way.
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(count, "swim") as executor:
+        try:
+            yield executor.map(swim_one, plans)
+        finally:
+            executor.shutdown(cancel_futures=True)

@@ -28,7 +28,7 @@ from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
 from fin_sim.materials import material
-from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_axis, sweep_plans
+from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_axis, sweep_plans, swim_all
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
@@ -395,29 +395,28 @@ def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> int
     failures: list[str] = []
     doubts: dict[str, None] = {}
     code = 0
-    watched = track(
-        plans,
-        description="swimming",
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )
-    try:
-        for numbers, each in watched:
-            row: dict[str, float | None] = {axis.name: number for axis, number in zip(axes, numbers, strict=True)}
-            try:
-                swim = each.swim()
-                validity.refuse_folded(swim.largest_hinge_angle)
-                doubts |= dict.fromkeys(swim.warnings)
-                row |= {figure.name: figure.of(swim) for figure in FIGURES}
-            except (StepError, validity.FoldedError) as error:
-                row |= {figure.name: None for figure in FIGURES}
-                code = _SWIM_FAILED
-                failures.append(f"{', '.join(f'{axis.name} = {row[axis.name]:g}' for axis in axes)}: {error}")
-            rows.append(row)
-    except KeyboardInterrupt:
-        code = _INTERRUPTED
-        failures.append(f"stopped after {len(rows)} of {len(plans)} swims")
+    with swim_all([each for _, each in plans]) as swims:
+        watched = track(
+            zip(plans, swims, strict=True),
+            total=len(plans),
+            description="swimming",
+            console=Console(stderr=True),
+            transient=True,
+            disable=not sys.stderr.isatty(),
+        )
+        try:
+            for (numbers, _), swum in watched:
+                row: dict[str, float | None] = {axis.name: number for axis, number in zip(axes, numbers, strict=True)}
+                rows.append({**row, **swum.figures})
+                doubts |= dict.fromkeys(swum.warnings)
+                if swum.failure:
+                    code = _SWIM_FAILED
+                    failures.append(
+                        f"{', '.join(f'{axis.name} = {row[axis.name]:g}' for axis in axes)}: {swum.failure}"
+                    )
+        except KeyboardInterrupt:
+            code = _INTERRUPTED
+            failures.append(f"stopped after {len(rows)} of {len(plans)} swims")
     for doubt in doubts:
         print(f"swim: warning: {doubt}", file=sys.stderr)  # noqa: T201
     for failure in failures:
