@@ -296,7 +296,7 @@ class Simulator:
         largest = float(bent.max()) if bent.size else 0.0
         if validity.folded(largest):
             self._rest()
-            self._set_state(State.FAULT, f"{validity.folded(largest)}; call reset")
+            self._set_state(State.FAULT, f"{validity.folded(largest)}; call ~/request_reset")
             self._largest_hinge_angle = largest
             self.node.get_logger().error(self._reason)
             return
