@@ -38,7 +38,7 @@ ARGUMENTS = {
 }
 # Of programs that have read their files, found none or no device, before the signal came.
 ENDED_BEFORE = {"calibrate_servo": 1, "export": 2, "play_bag": 2, "repair_bags": 2, "score_bag": 2, "show_study": 2}
-END_SECONDS = 30.0  # a busy machine; a program that hangs fails anyway
+END_SECONDS = 180.0  # code that is being compiled is not interrupted; a program that hangs fails anyway
 
 
 @pytest.fixture
