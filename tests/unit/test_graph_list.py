@@ -19,7 +19,9 @@ LAUNCH_FILE = Path(graph.__file__).parents[1] / "launch" / "study.launch.py"
 
 def test_a_study_is_a_simulator_at_full_speed_and_an_optimiser_with_its_defaults() -> None:
     simulator, optimizer = graph.nodes({})
-    assert simulator == graph.NodeSpec("fin_sim", "simulator", "simulator", "/fish", {"speed": 0.0})
+    assert simulator == graph.NodeSpec(
+        "fin_sim", "simulator", "simulator", "/fish", {"speed": 0.0, "command_timeout": 5.0}
+    )
     assert optimizer == graph.NodeSpec("fin_optimizer", "optimizer", "optimizer", "/fish", {})
 
 
@@ -39,7 +41,12 @@ def test_every_argument_reaches_the_node_whose_parameter_it_is() -> None:
     }
     simulator, optimizer = graph.nodes(given)
     assert simulator.namespace == optimizer.namespace == "/tank_a/fish"
-    assert simulator.parameters == {"speed": 2.0, "body.drag_area": 4e-3, "limits.sweep": 0.3}
+    assert simulator.parameters == {
+        "speed": 2.0,
+        "body.drag_area": 4e-3,
+        "limits.sweep": 0.3,
+        "command_timeout": 5.0,
+    }
     assert optimizer.parameters == {
         "trials": 7,
         "seed": 3,
@@ -323,3 +330,12 @@ def test_each_of_several_fish_gets_a_plant_in_its_namespace_and_all_one_optimise
         ("optimizer", "/fish"),
     ]
     assert specs[-1].parameters["plants"] == ["/tank_a/fish", "/tank_b/fish"]
+
+
+def test_only_a_simulated_fish_waits_longer_for_its_gait() -> None:
+    """A robot's tail goes to neutral after half a second, whatever the study asks of a simulator."""
+    for plant in ("robot", "rehearsal"):
+        given = {"plant": plant, "robot_file": "firmata"} if plant == "robot" else {"plant": plant}
+        specs = graph.nodes(given)
+        assert not any("command_timeout" in spec.parameters for spec in specs)
+    assert graph.nodes({"command_timeout": "0.5"})[0].parameters == {"speed": 0.0}

@@ -33,6 +33,8 @@ PLANT_LIMITS = ParameterTable({n: p for n, p in PLANT_PARAMETERS.items() if n no
 """What every plant has besides the fin."""
 # A study in the simulator should not take as long as one in a tank.
 _STUDY_DEFAULTS: dict[str, Value] = {"speed": 0.0}
+# Swims faster than real time keep their commander busy, and a silent one harms no simulated fish.
+_SIMULATOR_DEFAULTS: dict[str, Value] = {"command_timeout": 5.0}
 # Of several simulated fish the first one's time is the graph's.
 _LATER_FISH: dict[str, Value] = {"publish_clock": False}
 # The paper swam each fin of its robot three times; a simulated swim repeats to the last digit. Empty asks for this.
@@ -131,6 +133,8 @@ def _argument(parameter: Parameter) -> Argument:
         allowed = checks.describe_range(parameter.minimum, parameter.maximum, parameter.unit)
     text = f"{parameter.description} {allowed}".strip()
     text += " Empty: 3 on a robot, else 1." if parameter.name == "repeats" else ""
+    if parameter.name in _SIMULATOR_DEFAULTS:
+        text += f" In the simulator {_SIMULATOR_DEFAULTS[parameter.name]} unless given."
     return Argument(parameter.name, default if isinstance(default, str) else json.dumps(default), text)
 
 
@@ -253,7 +257,8 @@ def refuse_unknown(names: Iterable[str], plant: str) -> None:
 
 def _parameters(table: ParameterTable, given: Mapping[str, str]) -> dict[str, Value]:
     """Return the parameters of this table that differ from the node's defaults."""
-    chosen = {**{n: v for n, v in _STUDY_DEFAULTS.items() if n in table}}
+    defaults = {**_STUDY_DEFAULTS, **(_SIMULATOR_DEFAULTS if "speed" in table else {})}
+    chosen = {name: value for name, value in defaults.items() if name in table}
     chosen |= {name: _value(table[name], text) for name, text in given.items() if name in table}
     return {name: value for name, value in chosen.items() if value != table[name].default}
 
