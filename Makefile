@@ -25,7 +25,9 @@ test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k
 
 .PHONY: test-long
 test-long: setup ## the proofs that take minutes: hundreds of kills, real firmware, exhaustive grids, mutants
-	@$(environment) && exec python -m pytest -p xdist -n 2 --maxschedchunk 1 -m "long or firmware" --timeout=1800 $(PYTEST_ARGS)
+	@# A simulated processor wants real time, so the firmware's tests have the machine to themselves; 5: none was asked for.
+	@$(environment) && { python -m pytest -m firmware --timeout=1800 $(PYTEST_ARGS) || [[ $$? == 5 ]]; } && \
+	exec python -m pytest -p xdist -n 2 --maxschedchunk 1 -m "long and not firmware" --timeout=1800 $(PYTEST_ARGS)
 
 .PHONY: torture
 torture: setup ## no trial is ever lost: 200 kills at random moments, ten thousand trials; prints what was lost

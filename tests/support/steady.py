@@ -11,6 +11,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_LATE = 1.2
+"""Periods since the last tick."""
 _CATCHING_UP = 10
 """Ticks after a late one in which a tail may still be on its way to where the gait is."""
 
@@ -26,6 +28,6 @@ def on_time(stamps: Sequence[int] | NDArray[np.int64], rate: float) -> NDArray[n
         Shape (n,).
     """
     gaps = np.diff(np.asarray(stamps, dtype=np.int64), prepend=0)
-    late = np.flatnonzero(gaps > int(1.5e9 / rate))
+    late = np.flatnonzero(gaps > int(_LATE * 1e9 / rate))
     since = np.arange(gaps.size) - late[np.searchsorted(late, np.arange(gaps.size), side="right") - 1]
     return since >= _CATCHING_UP
