@@ -31,7 +31,7 @@ test-long: setup ## the proofs that take minutes: hundreds of kills, real firmwa
 
 .PHONY: torture
 torture: setup ## no trial is ever lost: 200 kills at random moments, ten thousand trials; prints what was lost
-	@$(environment) && exec python -m pytest -m long --timeout=3600 -s tests/graph/test_kills.py tests/graph/test_rehearsal_kills.py tests/graph/test_many_trials.py $(PYTEST_ARGS)
+	@$(environment) && TRIALS=10000 exec python -m pytest -m long --timeout=3600 -s tests/graph/test_kills.py tests/graph/test_rehearsal_kills.py tests/graph/test_many_trials.py $(PYTEST_ARGS)
 
 .PHONY: validation
 validation: setup ## check the physics against every known answer; writes docs/validation.md and its figures
