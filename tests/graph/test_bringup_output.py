@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import os
 import signal
 import subprocess
@@ -159,7 +160,7 @@ def test_without_a_reader_ctrl_c_still_leads_a_robots_tail_to_neutral(
         reader_of(study).close()
         person.publish_gait(Float64MultiArray(data=[1.0]))
         person.wait_until(lambda: person.diagnostic("gaits_refused") == "1", "a warning that nobody reads")
-        person.wait_until(lambda: board.widths[-1] > NEUTRAL + 100.0, "a stroke")
+        person.wait_until(lambda: swims(person) and board.widths[-1] > NEUTRAL + 100.0, "a stroke")
         study.send_signal(signal.SIGINT)
         assert study.wait(60) == 130
         wait_until(lambda: not board.outputs, 30.0, "no more pulses")
@@ -168,13 +169,15 @@ def test_without_a_reader_ctrl_c_still_leads_a_robots_tail_to_neutral(
 
 
 def watch(person: RobotClient) -> None:
-    """Be the tracker, whenever the client waits; it sees the fish where it is held."""
+    """Be the tracker, whenever the client waits; it sees the fish where it is held, with the noise of a camera."""
     poses = person._node.create_publisher(topics.POSE.type, topics.POSE.name, topics.POSE.qos)
+    noise = itertools.cycle((0.0, 1e-5, -1e-5))
 
     def see() -> None:
         pose = PoseStamped()
         pose.header.frame_id = topics.TANK_FRAME
         pose.header.stamp = time_message(time.time_ns())
+        pose.pose.position.x = next(noise)
         poses.publish(pose)
 
     person._node.create_timer(0.02, see)
@@ -182,17 +185,18 @@ def watch(person: RobotClient) -> None:
 
 def let_it_swim(person: RobotClient) -> None:
     """Do whatever the driver waits for, until the fish swims."""
+    person.wait_until(lambda: swims(person), "swim")
+
+
+def swims(person: RobotClient) -> bool:
+    """Do what the driver waits for, and return whether the fish swims."""
     act = {
         "configuring": person.configure,
         "fin": person.confirm_fin,
         "arming": lambda: person.change_state(ACTIVATE),
         "mark": person.confirm_mark,
     }
-
-    def swims() -> bool:
-        state = person.state()
-        if state is not None and (waiting := state.details.get("waiting_for")):
-            act[waiting]()
-        return state is not None and state.state is State.SWIMMING
-
-    person.wait_until(swims, "swim")
+    state = person.state()
+    if state is not None and (waiting := state.details.get("waiting_for")):
+        act[waiting]()
+    return state is not None and state.state is State.SWIMMING
