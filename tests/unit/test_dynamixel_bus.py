@@ -18,6 +18,7 @@ from fin_servo_driver.emulator.pty_port import PtyPort
 from fin_servo_driver.line import LineLostError, LineStalledError, WrongDeviceError
 from fin_servo_driver.port import SerialLine
 from support.waiting import wait_until
+from support.wire import OwnClock
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -45,30 +46,17 @@ def servos(joints: int) -> Servos:
     return Servos(list(range(1, joints + 1)), lambda _: CENTRE)
 
 
-class Clock:
-    """Time that passes only when somebody waits, so that a busy machine lets no servo fall silent."""
-
-    def __init__(self) -> None:
-        self._now = 1000.0
-
-    def monotonic(self) -> float:
-        return self._now
-
-    def sleep(self, seconds: float) -> None:
-        self._now += seconds
-
-
 @pytest.fixture(autouse=True)
 def clock(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let time pass so in every test but those with a real port, which need a folder for it."""
+    """Let time pass only where somebody waits, in every test but those with a real port, which need a folder for it."""
     if "tmp_path" not in request.fixturenames:
-        clock = Clock()
+        clock = OwnClock()
         monkeypatch.setattr(time, "monotonic", clock.monotonic)
         monkeypatch.setattr(time, "sleep", clock.sleep)
 
 
 class Bus:
-    """A line to servos without a port. A packet takes it some time; see `Clock`.
+    """A line to servos without a port. A packet takes it some time; see `OwnClock`.
 
     Attributes:
         hold_back: The answer to a question with these bytes comes together with the next answer.

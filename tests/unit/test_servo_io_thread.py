@@ -27,6 +27,7 @@ from fin_servo_driver.relay import RelayMotion
 from fin_servo_driver.set_points import Motion, ServoMotion
 from fin_servo_driver.tail import Command, Phase, Settings
 from support.waiting import PATIENCE, wait_until
+from support.wire import OwnClock
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -412,18 +413,12 @@ class Broken:
         self.closed = True
 
 
-class Clock:
-    """Time that goes on only while the I/O thread waits for its next tick."""
+class Clock(OwnClock):
+    """One on which the test has its turn whenever the I/O thread waits for its next tick."""
 
-    def __init__(self) -> None:
-        self._now = 1000.0
-
-    def monotonic(self) -> float:
-        return self._now
-
-    def sleep(self, seconds: float) -> None:
-        self._now += seconds
-        time.sleep(0.001)  # let the test have its turn
+    def sleep(self, seconds: float, /) -> None:
+        super().sleep(seconds)
+        time.sleep(0.001)
 
 
 def command(thread: IoThread, now: float | None = None) -> None:

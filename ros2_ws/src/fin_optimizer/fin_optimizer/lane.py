@@ -13,7 +13,7 @@ from std_msgs.msg import Float64
 
 from fin_optimizer import report
 from fin_optimizer.bag import BagError, decode
-from fin_optimizer.graph import PLANT_LIMITS, SIMULATOR, SIMULATOR_PARAMETERS
+from fin_optimizer.graph import PLANT_LIMITS, SIMULATOR_PARAMETERS
 from fin_optimizer.observation import Observation
 from fin_optimizer.plant_client import PlantClient
 from fin_optimizer.recorder import LONGEST_PAUSE, Recorder
@@ -239,8 +239,7 @@ class Lane:
     def _carry_out(self, action: Action, trial: Trial) -> None:
         match action:
             case Action.SET_FIN:
-                simulated = self.plant.state is not None and self.plant.state.plant == SIMULATOR
-                self.plant.ask_parameters(tuple(SIMULATOR_PARAMETERS if simulated else PLANT_LIMITS))
+                self.plant.ask_parameters(tuple(SIMULATOR_PARAMETERS if self._facts.is_simulated else PLANT_LIMITS))
                 self.plant.set_fin(trial.fin)
             case Action.RESET | Action.RECOVER:
                 self.plant.request_reset()

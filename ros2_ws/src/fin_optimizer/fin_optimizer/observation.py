@@ -171,17 +171,18 @@ class Observation:
     @property
     def least_pace(self) -> float:
         """Seconds that the plant swims at least in a second: a robot's clock is the wall's, a simulator's is not."""
-        return _SLOWEST_SIMULATION if self._is_simulated else _SLOWEST_ROBOT
+        return _SLOWEST_SIMULATION if self.is_simulated else _SLOWEST_ROBOT
 
     @property
     def drift(self) -> float | None:
         """Mean forward speed in m/s of late; a simulator puts its fish at rest."""
-        if self._is_simulated:
+        if self.is_simulated:
             return 0.0
         return recent_speed(*velocity_samples(self._recorder.messages(topics.VELOCITY)[-_MANY_VELOCITIES:]))
 
     @property
-    def _is_simulated(self) -> bool:
+    def is_simulated(self) -> bool:
+        """Whether the plant has said that it is a simulator."""
         return self.plant is not None and self.plant.plant == SIMULATOR
 
     @property

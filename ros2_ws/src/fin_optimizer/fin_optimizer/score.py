@@ -44,6 +44,7 @@ _LIMITS = {
     "largest_speed": "measurement.largest_speed_m_s",
     "largest_start_speed": "measurement.largest_start_speed_m_s",
 }
+_ENTRIES = {**_KEYS, **_LIMITS}
 _OF_OLDER_BAGS = {"largest_speed": FASTEST}
 """What was allowed before bags said it."""
 _MINIMUM_SAMPLES = 2  # an average over time needs an interval, a standard deviation two values
@@ -136,7 +137,7 @@ class Measurement:
 
     def metadata(self) -> dict[str, str]:
         """Return the entries of a bag's metadata that :meth:`from_metadata` reads; no digit is lost."""
-        return {key: repr(float(getattr(self, name))) for name, key in {**_KEYS, **_LIMITS}.items()}
+        return {key: repr(float(getattr(self, name))) for name, key in _ENTRIES.items()}
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str]) -> Measurement:
@@ -151,7 +152,7 @@ class Measurement:
             msg = f"metadata lack {', '.join(missing)}: they do not say which part of the swim counts"
             raise MissingMeasurementError(msg)
         try:
-            told = {name: float(metadata[key]) for name, key in {**_KEYS, **_LIMITS}.items() if key in metadata}
+            told = {name: float(metadata[key]) for name, key in _ENTRIES.items() if key in metadata}
             return cls(**{**_OF_OLDER_BAGS, **told})
         except ValueError as error:
             msg = f"metadata measurement.*: {error}"
@@ -253,12 +254,13 @@ def check_swim(
         raise NotThisSwimError(reason)
     inside = (stamps_ns >= start) & (stamps_ns <= window.end_ns)
     stamps, speed = stamps_ns[inside], forward_speed[inside]
-    begins = np.flatnonzero(np.concatenate(([True], np.diff(speed) != 0.0)))[: stamps.size]
-    ends = np.concatenate((begins[1:], [stamps.size]))[: begins.size] - 1
-    lengths = stamps[ends] - stamps[begins]
-    longest = int(np.argmax(lengths)) if lengths.size else 0
-    if lengths.size and lengths[longest] > LONGEST_GAP * NANOSECONDS:
-        at = begins[longest]
+    if not stamps.size:
+        return
+    edges = np.concatenate(([0], np.flatnonzero(np.diff(speed)) + 1, [stamps.size]))  # of runs of one value
+    lengths = stamps[edges[1:] - 1] - stamps[edges[:-1]]
+    longest = int(np.argmax(lengths))
+    if lengths[longest] > LONGEST_GAP * NANOSECONDS:
+        at = edges[longest]
         msg = (
             f"the velocity stays at {speed[at]!s} m/s to the last bit for {lengths[longest] / NANOSECONDS:.3g} s from "
             f"{_after(stamps[at], window)}: allowed are {LONGEST_GAP:g} s, a fish that swims never keeps a speed so "

@@ -586,10 +586,6 @@ def _velocity_after(trial: Trial, facts: Facts, end: int) -> bool:
     return trial.window is not None and facts.newest_velocity is not None and facts.newest_velocity >= end
 
 
-def _no_velocity(trial: Trial, facts: Facts) -> str:
-    return trial.no_progress(facts)
-
-
 def _seconds(time: float) -> str:
     return f"{time:.3g} s" if time < _LONG else f"{time:.0f} s"
 
@@ -693,14 +689,14 @@ PHASES: tuple[Phase, ...] = (
         action=None,
         done=lambda trial, facts: _velocity_after(trial, facts, trial.window.start_ns if trial.window else 0),
         patience="silence",
-        missing=_no_velocity,
+        missing=Trial.no_progress,
     ),
     Phase(
         "measure",
         action=None,
         done=lambda trial, facts: _velocity_after(trial, facts, trial.window.end_ns if trial.window else 0),
         patience="silence",
-        missing=_no_velocity,
+        missing=Trial.no_progress,
     ),
     Phase(
         "stop the gait",

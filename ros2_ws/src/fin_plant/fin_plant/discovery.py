@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fin_plant.ros_environment import LOCALHOST_PROFILE, PROFILES, RANGE
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
@@ -25,7 +27,6 @@ NAME_TO_COME = "_NODE_NAME_UNKNOWN_"
 """What rmw calls a node whose end of a topic was discovered a moment before its name."""
 _NAMED = 5
 """Nodes or topics that a sentence names."""
-_LOCAL_PROFILE = "fast_dds_localhost_profile.xml"
 _LOCAL_RANGES = ("LOCALHOST", "OFF")
 
 
@@ -182,14 +183,15 @@ def _elsewhere(name: str, type_name: str, sight: Sight, *, of_any_name: bool) ->
 def _reach(environment: Mapping[str, str]) -> tuple[list[str], list[str]]:
     """Return the settings that decide which nodes are seen, the domain first, and what they amount to."""
     domain = environment.get("ROS_DOMAIN_ID") or "0"
-    reach = environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") or "SUBNET"
-    profile = Path(environment.get("FASTRTPS_DEFAULT_PROFILES_FILE") or "").name
+    reach = environment.get(RANGE) or "SUBNET"
+    profile = Path(environment.get(PROFILES) or "").name
+    is_local_profile = profile == LOCALHOST_PROFILE.name
     only = environment.get("ROS_LOCALHOST_ONLY") or ""
-    said = [f"ROS_DOMAIN_ID={domain}", f"ROS_AUTOMATIC_DISCOVERY_RANGE={reach}"]
-    said += [f"FASTRTPS_DEFAULT_PROFILES_FILE={profile}"] if profile == _LOCAL_PROFILE else []
+    said = [f"ROS_DOMAIN_ID={domain}", f"{RANGE}={reach}"]
+    said += [f"{PROFILES}={profile}"] if is_local_profile else []
     for variable in ("ROS_LOCALHOST_ONLY", "ROS_STATIC_PEERS", "RMW_IMPLEMENTATION"):
         said += [f"{variable}={environment[variable]}"] if environment.get(variable) else []
-    local = reach in _LOCAL_RANGES or profile == _LOCAL_PROFILE or only == "1"
+    local = reach in _LOCAL_RANGES or is_local_profile or only == "1"
     return said, ["on this computer only"] if local else []
 
 

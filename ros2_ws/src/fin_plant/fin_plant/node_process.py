@@ -31,7 +31,7 @@ EXIT_OK = 0
 END_BY_SIGNAL_IS_SUCCESS = "FIN_END_BY_SIGNAL_IS_SUCCESS"
 """Environment variable; where it is set a node that was ended by a signal ends with exit code 0, for `ros2 launch`."""
 EXIT_FAILURE = 1
-EXIT_USAGE = 2
+EXIT_USAGE = ros_environment.EXIT_USAGE
 # A callback that waits on nothing returns at once; this bounds how late a stop is seen.
 _SPIN_SECONDS = 0.1
 
