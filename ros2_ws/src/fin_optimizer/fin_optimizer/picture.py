@@ -98,7 +98,7 @@ def _fin(settings: Settings, tried: Sequence[Candidate]) -> str:
     told = [f"{1000.0 * fin['fin.thickness']:.4g} mm thick"]
     area = cast("float", settings.details.get(AREA, 0.0))
     if area:
-        told.insert(0, f"of {1e4 * cast('float', settings.details[AREA]):.4g} cm²")
+        told.insert(0, f"of {1e4 * area:.4g} cm²")
         heights = [fin["fin.height"], *fin["fin.profile_height"], fin["fin.tip_height"]]
         shape = [f"{height / heights[0]:.3g}" for height in heights]
         if len(set(shape)) > 1:

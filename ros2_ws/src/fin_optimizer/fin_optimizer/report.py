@@ -62,8 +62,7 @@ def show_values(values: Mapping[str, float]) -> str:
 
 def in_words(name: str) -> tuple[str, float, str]:
     """Return what people call a parameter of a fin, the factor from SI to the unit in which it is told, and that."""
-    unit = FIN_PARAMETERS[name].unit if name in FIN_PARAMETERS else ""
-    return _SHOWN_AS.get(name, (name, 1.0, unit or ""))
+    return _SHOWN_AS.get(name, (name, 1.0, _si_unit(name)))
 
 
 def show_number(value: object, factor: float = 1.0) -> str:
@@ -119,8 +118,13 @@ def trials_table(trials: Sequence[TrialRecord], settings: Settings) -> str:
 
 def with_unit(name: str) -> str:
     """Return a parameter's name with its SI unit, for the head of a table that programs read."""
-    unit = FIN_PARAMETERS[name].unit if name in FIN_PARAMETERS else ""
+    unit = _si_unit(name)
     return f"{name} [{unit}]" if unit else name
+
+
+def _si_unit(name: str) -> str:
+    """Return the SI unit of a parameter of a fin; empty for one without, or another name."""
+    return FIN_PARAMETERS[name].unit if name in FIN_PARAMETERS else ""
 
 
 def _number(value: float | None) -> str:
