@@ -51,9 +51,12 @@ def terminal() -> Iterator[int]:
 
 
 def interrupted_after(
-    delay: float, package: str, executable: str, folder: Path, terminal: int
+    delay: float, package: str, executable: str, folder: Path, terminal: int, said: str | None = None
 ) -> tuple[int, bool, str]:
-    """Return the exit code, whether it came before the signal, and what was said."""
+    """Return the exit code, whether it came before the signal, and what was said.
+
+    The signal comes so many seconds after the start, or after ``said`` is said.
+    """
     log = folder / "said.txt"
     with log.open("wb") as output:
         process = subprocess.Popen(
@@ -67,6 +70,8 @@ def interrupted_after(
         )
     started = StartedProcess(executable, process, log)
     before = True
+    if said is not None:
+        started.wait_for_output(said, END_SECONDS)
     try:
         process.wait(delay)
     except subprocess.TimeoutExpired:
@@ -80,8 +85,10 @@ def interrupted_after(
     return process.returncode, before, log.read_text(errors="replace")
 
 
-def check(delay: float, package: str, executable: str, folder: Path, terminal: int) -> None:
-    code, before, said = interrupted_after(delay, package, executable, folder, terminal)
+def check(
+    delay: float, package: str, executable: str, folder: Path, terminal: int, after: str | None = None
+) -> None:
+    code, before, said = interrupted_after(delay, package, executable, folder, terminal, after)
     where = f"{executable} after {delay:.2f} s ended with {code} and said:\n{said[-2000:]}"
     assert "Traceback" not in said, where
     assert "Error" not in said, where
@@ -108,3 +115,10 @@ def test_ctrl_c_at_any_time_ends_an_executable_quietly(
     package: str, executable: str, step: int, ros_domain: int, tmp_path: Path, terminal: int
 ) -> None:
     check(0.02 + 0.4 * step, package, executable, tmp_path, terminal)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4, 0.8, 1.2])
+def test_ctrl_c_while_the_workers_of_a_campaign_start_is_answered_by_the_campaign_alone(
+    delay: float, tmp_path: Path, terminal: int
+) -> None:
+    check(delay, "fin_optimizer", "campaign", tmp_path, terminal, after="runs are done already")

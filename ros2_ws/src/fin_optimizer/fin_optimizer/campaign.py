@@ -11,6 +11,7 @@ import argparse
 import json
 import multiprocessing
 import os
+import signal
 import sys
 import threading
 import time
@@ -20,6 +21,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import partial
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import wait
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -183,11 +185,22 @@ def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
         # Not forked from this process, which has threads: from a server that has imported the experiments once.
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["fin_optimizer.experiments"])
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
+        # Ctrl-C on a terminal reaches the server and the workers too, while they import as well: it is this process's
+        # to answer. They inherit the mask; a signal that comes meanwhile reaches this process behind it. The tracker
+        # of resources, which is started too, would lift the mask again.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
-            yield pool
+            forkserver.ensure_running()
         finally:
-            pool.shutdown(cancel_futures=True)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as pool:
+            try:
+                yield pool
+            except KeyboardInterrupt:
+                for worker in multiprocessing.active_children():
+                    worker.terminate()
+                raise
         return
     try:
         from distributed import Client  # noqa: PLC0415  (needed by those who have a cluster only)
