@@ -44,10 +44,10 @@ campaign: setup ## the paper's experiments, figures and numbers, in runs/campaig
 .PHONY: bench
 bench: setup ## how fast fish swim and trials run, how late the servo driver ticks; ARGS="--quick" for a look
 	@$(environment) && python -m pip install --quiet --requirement requirements/bench.txt
-	@./run fin_optimizer bench $(ARGS)
+	@./run fin_bringup bench $(ARGS)
 ifeq ($(filter --json --help -h,$(ARGS)),) # whose output is to stay whole
 	@echo
-	@./run fin_optimizer lateness $(if $(filter --quick,$(ARGS)),--seconds 10)
+	@./run fin_bringup lateness $(if $(filter --quick,$(ARGS)),--seconds 10)
 endif
 
 .PHONY: lint

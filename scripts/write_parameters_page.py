@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fin_optimizer.graph import OPTIMIZER_PARAMETERS
+from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
 from fin_plant.parameters import Parameter, ParameterTable, load_table
 

@@ -14,9 +14,9 @@ import pytest
 from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
-from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.study import read_trials
-from fin_optimizer.trial import Outcome
+from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.study.study import read_trials
+from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
 from fin_plant.messages import time_message
 from fin_plant.plant_state import State

@@ -85,9 +85,7 @@ def interrupted_after(
     return process.returncode, before, log.read_text(errors="replace")
 
 
-def check(
-    delay: float, package: str, executable: str, folder: Path, terminal: int, after: str | None = None
-) -> None:
+def check(delay: float, package: str, executable: str, folder: Path, terminal: int, after: str | None = None) -> None:
     code, before, said = interrupted_after(delay, package, executable, folder, terminal, after)
     where = f"{executable} after {delay:.2f} s ended with {code} and said:\n{said[-2000:]}"
     assert "Traceback" not in said, where

@@ -14,7 +14,7 @@ from support.processes import workspace_environment
 def lateness(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command."""
     return subprocess.run(
-        [sys.executable, "-m", "fin_optimizer.lateness", *arguments],
+        [sys.executable, "-m", "fin_bringup.lateness", *arguments],
         env=workspace_environment() | {"ROS_DOMAIN_ID": str(domain)},
         capture_output=True,
         text=True,

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.bench import trial_loop
-from fin_optimizer.study import read_trials
-from fin_optimizer.trial import Outcome
+from fin_bringup.bench import trial_loop
+from fin_optimizer.study.study import read_trials
+from fin_optimizer.trial.result import Outcome
 from support.waiting import wait_until
 
 if TYPE_CHECKING:

@@ -18,11 +18,11 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.plant_client import PlantClient as OptimizersClient
-from fin_optimizer.score_bag import score_bag
-from fin_optimizer.study import read_trials
-from fin_optimizer.trial import Outcome
+from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.study.study import read_trials
+from fin_optimizer.trial.plant_client import PlantClient as OptimizersClient
+from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
 from fin_plant.gait import PAPER_GAIT, Gait
 from fin_plant.messages import plant_state_message

@@ -13,12 +13,13 @@ import zstandard
 from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
-from fin_optimizer.bag import BagWriter, header_stamp
-from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.play_bag import Display, Player, parser
-from fin_optimizer.recorder import Recorder
-from fin_optimizer.score import Measurement, score
-from fin_optimizer.score_bag import score_bag, swimming_since
+from fin_optimizer.bags.messages import header_stamp
+from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.bags.writer import BagWriter
+from fin_optimizer.commands.play_bag import Display, Player, parser
+from fin_optimizer.commands.score_bag import score_bag, swimming_since
+from fin_optimizer.score.mean_speed import Measurement, score
+from fin_optimizer.trial.recorder import Recorder
 from fin_plant import topics
 from support.bags import START, STATE, STEP, gait, state, write_swim
 from support.foreign_bags import RECORDED_QOS, plain_mcap

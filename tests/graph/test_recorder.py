@@ -16,11 +16,11 @@ import rclpy
 from geometry_msgs.msg import Twist
 from rclpy.qos import qos_profile_sensor_data
 
-from fin_optimizer.bag import BagError
-from fin_optimizer.bag_reader import read_bag, read_velocity
-from fin_optimizer.recorder import Recorder
-from fin_optimizer.score import Measurement, score
-from fin_optimizer.score_bag import score_bag
+from fin_optimizer.bags.messages import BagError
+from fin_optimizer.bags.reader import read_bag, read_velocity
+from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.score.mean_speed import Measurement, score
+from fin_optimizer.trial.recorder import Recorder
 from fin_plant import topics
 from fin_plant.discovery import End, look_around
 from support.waiting import wait_until
@@ -212,7 +212,7 @@ FORGETFUL = """
 import sys
 from pathlib import Path
 import rclpy
-from fin_optimizer.recorder import Recorder
+from fin_optimizer.trial.recorder import Recorder
 rclpy.init()
 node = rclpy.create_node("optimizer")
 recorder = Recorder(node)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from rclpy.node import NodeNameNonExistentError
 
-from fin_optimizer.study import read_trials
-from fin_optimizer.trial import Outcome
+from fin_optimizer.study.study import read_trials
+from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT

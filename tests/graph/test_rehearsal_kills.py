@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.score_bag import score_bag
-from fin_optimizer.study import read_trials
-from fin_optimizer.trial import Outcome
+from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.study.study import read_trials
+from fin_optimizer.trial.result import Outcome
 from support.waiting import wait_until
 
 if TYPE_CHECKING:

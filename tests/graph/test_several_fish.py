@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.score_bag import cost_of_transport, score_bag
-from fin_optimizer.study import Objective, candidates, front, read_settings, read_trials
-from fin_optimizer.trial import Outcome
+from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.commands.score_bag import cost_of_transport, score_bag
+from fin_optimizer.study.study import Objective, candidates, front, read_settings, read_trials
+from fin_optimizer.trial.result import Outcome
 from fin_plant.messages import gait_message
 from fin_plant.plant_state import State
 from support.plant_client import PlantClient
@@ -21,7 +21,7 @@ from support.waiting import wait_until
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fin_optimizer.study import TrialRecord
+    from fin_optimizer.study.study import TrialRecord
     from support.processes import StartedProcess
 
     Start = Callable[..., StartedProcess]

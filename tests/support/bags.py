@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from fin_optimizer.bag import BagTopic, BagWriter, message_types
-from fin_optimizer.score import Measurement
+from fin_optimizer.bags.messages import message_types
+from fin_optimizer.bags.writer import BagTopic, BagWriter
+from fin_optimizer.score.mean_speed import Measurement
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -10,8 +10,8 @@ import zstandard
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from fin_optimizer.bag import message_types
-from fin_optimizer.bag_reader import read_bag
+from fin_optimizer.bags.messages import message_types
+from fin_optimizer.bags.reader import read_bag
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

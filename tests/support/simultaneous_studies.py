@@ -5,9 +5,9 @@ from __future__ import annotations
 import multiprocessing
 from typing import TYPE_CHECKING
 
-from fin_optimizer.journal import StudyError
-from fin_optimizer.search import Dimension, Space
-from fin_optimizer.study import Settings, Study
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.study import Settings, Study
 
 if TYPE_CHECKING:
     from multiprocessing.queues import Queue

@@ -6,7 +6,7 @@ import ast
 from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[2] / "ros2_ws" / "src"
-PACKAGES = ("fin_plant", "fin_sim", "fin_servo_driver", "fin_optimizer")
+PACKAGES = ("fin_plant", "fin_sim", "fin_servo_driver", "fin_optimizer", "fin_bringup")
 
 
 def modules(package: str) -> dict[str, Path]:
@@ -27,6 +27,18 @@ def imported(path: Path) -> set[str]:
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
             names.add(node.module)
+    return names
+
+
+def imported_at_start(path: Path) -> set[str]:
+    """Return the dotted names of modules that are imported while a source file is; not those for type checking."""
+    names: set[str] = set()
+    for node in ast.parse(path.read_text()).body:
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names.add(node.module)
+            names.update(f"{node.module}.{alias.name}" for alias in node.names)
     return names
 
 

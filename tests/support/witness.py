@@ -9,7 +9,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from fin_optimizer.bag import header_stamp
+from fin_optimizer.bags.messages import header_stamp
 from fin_plant import topics
 
 

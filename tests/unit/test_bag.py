@@ -22,11 +22,13 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from fin_optimizer import bag as bag_module
-from fin_optimizer.bag import BagError, BagTopic, BagWriter, decode, header_stamp, message_types
-from fin_optimizer.bag_reader import bag_metadata, read_bag, read_velocity
-from fin_optimizer.score import Measurement, ScoreError, score
-from fin_optimizer.score_bag import main, score_bag, start_of_swim
+from fin_optimizer.bags import writer as bag_module
+from fin_optimizer.bags.messages import BagError, decode, header_stamp, message_types
+from fin_optimizer.bags.reader import bag_metadata, read_bag, read_velocity
+from fin_optimizer.bags.writer import BagTopic, BagWriter
+from fin_optimizer.commands.score_bag import main, score_bag
+from fin_optimizer.score.mean_speed import Measurement, ScoreError, score
+from fin_optimizer.score.swim import start_of_swim
 from support.bags import GAIT, SECOND, START, STATE, STEP, VELOCITY, gait, quality, state
 
 SAMPLES = 1001

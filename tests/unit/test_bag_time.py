@@ -9,9 +9,9 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fin_optimizer.bag import BagTopic, BagWriter
-from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.bag_time import FAR, LogTime
+from fin_optimizer.bags.log_time import FAR, LogTime
+from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.bags.writer import BagTopic, BagWriter
 from support.bags import SECOND, START, STATE, STEP, VELOCITY, quality, state, velocity
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from fin_optimizer import bench, mujoco_fish
-from fin_optimizer.throughput import Throughput
+from fin_bringup import bench, mujoco_fish
+from fin_bringup.throughput import Throughput
 from fin_sim import swim
 
 

@@ -30,9 +30,7 @@ while [ ! -e {folder}/{name}_may_end ]; do echo "going on" >&2; sleep 0.05; done
 say "ended by itself"
 exit 3
 """
-BRINGUP = (
-    "import sys; from fin_optimizer import bringup; {defect}sys.argv[1:] = ['trials:=1']; sys.exit(bringup.main())"
-)
+BRINGUP = "import sys; from fin_bringup import bringup; {defect}sys.argv[1:] = ['trials:=1']; sys.exit(bringup.main())"
 DEFECT = """
 from pathlib import Path
 

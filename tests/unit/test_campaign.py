@@ -15,15 +15,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_optimizer import campaign
-from fin_optimizer.experiments import EXPERIMENTS, MODULUS, Run, Study, groups, perform, plan, speeds
-from fin_optimizer.search import HillClimber
+from fin_optimizer.paper import campaign
+from fin_optimizer.paper.experiments import EXPERIMENTS, MODULUS, Run, Study, groups, perform, plan, speeds
+from fin_optimizer.search.hill_climber import HillClimber
 from fin_plant.fin import Fin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from fin_optimizer.experiments import Table
+    from fin_optimizer.paper.experiments import Table
 
 SMALL = Study(hill_climber_runs=3, hill_climber_candidates=4, genetic_runs=2, population=12, generations=3, landscape=9)
 SIZES = [
@@ -139,7 +139,7 @@ def test_a_kill_loses_the_run_under_way_and_no_other(tmp_path: Path, monkeypatch
 
 
 def test_a_killed_command_leaves_no_process_and_is_resumed(tmp_path: Path) -> None:
-    script = "from fin_optimizer import campaign; campaign.main()"
+    script = "from fin_optimizer.paper import campaign; campaign.main()"
     arguments = ["genetic", "--output", str(tmp_path), "--generations", "100", "--genetic-runs", "40"]
     session = subprocess.Popen(
         [sys.executable, "-c", script, *arguments], stderr=subprocess.PIPE, start_new_session=True

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import pytest
 from mcap.writer import Writer
 
-from fin_optimizer import score_bag
-from fin_optimizer.bag import BagError
-from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.repair_bags import repair_bag
+from fin_optimizer.bags.messages import BagError
+from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.commands import score_bag
+from fin_optimizer.commands.repair_bags import repair_bag
 from support.bags import write_swim
 from support.damage import damaged
 
@@ -114,10 +114,11 @@ def test_metadata_that_were_exchanged_are_noticed(swim: Path) -> None:
 def as_older_versions_wrote(path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Write a bag without check sums of its trial record, its data and its summary."""
     with monkeypatch.context() as older:
-        older.setattr("fin_optimizer.bag.WITH_SUMS", "fin_optimizer")
-        older.setattr("fin_optimizer.bag.TRIAL_SUM", "something else")
+        older.setattr("fin_optimizer.bags.writer.WITH_SUMS", "fin_optimizer")
+        older.setattr("fin_optimizer.bags.writer.TRIAL_SUM", "something else")
         older.setattr(
-            "fin_optimizer.bag.Writer", lambda *given, **named: Writer(*given, **{**named, "enable_data_crcs": False})
+            "fin_optimizer.bags.writer.Writer",
+            lambda *given, **named: Writer(*given, **{**named, "enable_data_crcs": False}),
         )
         return write_swim(path)
 

@@ -11,11 +11,11 @@ import optuna
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies
 
-from fin_optimizer import export, score_bag, show_study
-from fin_optimizer.journal import END_FILE, StudyError
-from fin_optimizer.search import Dimension, Space
-from fin_optimizer.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study, read_settings, read_trials
-from fin_optimizer.trial import Outcome, Result
+from fin_optimizer.commands import export, score_bag, show_study
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.journal import END_FILE, StudyError
+from fin_optimizer.study.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study, read_settings, read_trials
+from fin_optimizer.trial.result import Outcome, Result
 from support.damage import damaged
 from support.old_studies import take_off_check_sums
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from fin_optimizer.study import TrialRecord
+    from fin_optimizer.study.study import TrialRecord
 
 MODULUS, LENGTH = "fin.young_modulus", "fin.length"
 SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"), Dimension(LENGTH, 0.05, 0.12, "m")))

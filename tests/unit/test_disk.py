@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.bag import BagError, BagWriter
-from fin_optimizer.bag_reader import read_bag
-from fin_optimizer.disk_space import shortage
-from fin_optimizer.journal import StudyError
-from fin_optimizer.repair_bags import repair_bag
-from fin_optimizer.search import Dimension, HillClimber, Space
-from fin_optimizer.study import JOURNAL_FILE, Settings, Study, read_trials
-from fin_optimizer.trial import Outcome, Result
+from fin_optimizer.bags.disk_space import shortage
+from fin_optimizer.bags.messages import BagError
+from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.bags.writer import BagWriter
+from fin_optimizer.commands.repair_bags import repair_bag
+from fin_optimizer.search.hill_climber import HillClimber
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.study import JOURNAL_FILE, Settings, Study, read_trials
+from fin_optimizer.trial.result import Outcome, Result
 from support.bags import START, STEP, VELOCITY, velocity
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_optimizer.cma import CmaEs
-from fin_optimizer.genetic import Generation, GeneticAlgorithm, PopulationSearch, mutated
-from fin_optimizer.search import Dimension, Space
+from fin_optimizer.search.cma_es import CmaEs
+from fin_optimizer.search.genetic import Generation, GeneticAlgorithm, PopulationSearch, mutated
+from fin_optimizer.search.space import Dimension, Space
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,18 +11,18 @@ from typing import Any
 
 import pytest
 
-from fin_optimizer import graph
-from fin_optimizer.bringup import find_executable, parse, usage
+from fin_bringup import study_nodes
+from fin_bringup.bringup import find_executable, parse, usage
 
-LAUNCH_FILE = Path(graph.__file__).parents[1] / "launch" / "study.launch.py"
+LAUNCH_FILE = Path(study_nodes.__file__).parents[1] / "launch" / "study.launch.py"
 
 
 def test_a_study_is_a_simulator_at_full_speed_and_an_optimiser_with_its_defaults() -> None:
-    simulator, optimizer = graph.nodes({})
-    assert simulator == graph.NodeSpec(
+    simulator, optimizer = study_nodes.nodes({})
+    assert simulator == study_nodes.NodeSpec(
         "fin_sim", "simulator", "simulator", "/fish", {"speed": 0.0, "command_timeout": 5.0}
     )
-    assert optimizer == graph.NodeSpec("fin_optimizer", "optimizer", "optimizer", "/fish", {})
+    assert optimizer == study_nodes.NodeSpec("fin_optimizer", "optimizer", "optimizer", "/fish", {})
 
 
 def test_every_argument_reaches_the_node_whose_parameter_it_is() -> None:
@@ -39,7 +39,7 @@ def test_every_argument_reaches_the_node_whose_parameter_it_is() -> None:
         "namespace": "/tank_a/fish",
         "plant": "sim",
     }
-    simulator, optimizer = graph.nodes(given)
+    simulator, optimizer = study_nodes.nodes(given)
     assert simulator.namespace == optimizer.namespace == "/tank_a/fish"
     assert simulator.parameters == {
         "speed": 2.0,
@@ -58,15 +58,15 @@ def test_every_argument_reaches_the_node_whose_parameter_it_is() -> None:
 
 
 def test_of_several_simulated_fish_one_gives_the_clock() -> None:
-    *fish, _ = graph.nodes({"plants": "[/a/fish, /b/fish, /c/fish]"})
+    *fish, _ = study_nodes.nodes({"plants": "[/a/fish, /b/fish, /c/fish]"})
     assert [one.namespace for one in fish] == ["/a/fish", "/b/fish", "/c/fish"]
     assert [one.parameters.get("publish_clock", True) for one in fish] == [True, False, False]
 
 
 def test_a_robot_is_its_driver_and_an_estimator_of_its_velocity() -> None:
     given = {"plant": "robot", "robot_file": "robot.yaml", "window": "0.5", "command_timeout": "0.4", "trials": "3"}
-    driver, estimator, optimizer = graph.nodes(given)
-    assert driver == graph.NodeSpec(
+    driver, estimator, optimizer = study_nodes.nodes(given)
+    assert driver == study_nodes.NodeSpec(
         "fin_servo_driver",
         "servo_driver",
         "servo_driver",
@@ -78,7 +78,7 @@ def test_a_robot_is_its_driver_and_an_estimator_of_its_velocity() -> None:
 
 
 def test_each_of_several_robots_has_a_robot_file_of_its_own() -> None:
-    *nodes, _ = graph.nodes({"plant": "robot", "plants": "[/a/fish, /b/fish]", "robot_file": "[a.yaml, b.yaml]"})
+    *nodes, _ = study_nodes.nodes({"plant": "robot", "plants": "[/a/fish, /b/fish]", "robot_file": "[a.yaml, b.yaml]"})
     files = {node.namespace: node.parameters["robot_file"] for node in nodes if node.name == "servo_driver"}
     assert files == {"/a/fish": "a.yaml", "/b/fish": "b.yaml"}
 
@@ -94,7 +94,7 @@ def test_each_of_several_robots_has_a_robot_file_of_its_own() -> None:
 )
 def test_several_robots_cannot_share_a_robot_file_or_a_port(given: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError) as refused:  # noqa: PT011  (the message is looked at below)
-        graph.nodes({"plant": "robot", "plants": "[/a/fish, /b/fish]", **given})
+        study_nodes.nodes({"plant": "robot", "plants": "[/a/fish, /b/fish]", **given})
     assert message in str(refused.value)
     assert "robot_file:=[a.yaml,b.yaml]" in str(refused.value) or "in its robot file" in str(refused.value)
 
@@ -103,28 +103,28 @@ def test_a_robot_file_is_read_before_anything_starts(tmp_path: Path) -> None:
     garbage = tmp_path / "robot.yaml"
     garbage.write_text("device: firmata\n")
     for name, message in ((str(tmp_path / "robot.yml"), "there is no such file"), (str(garbage), "joints")):
-        specs = graph.nodes({"plant": "robot", "robot_file": name})
+        specs = study_nodes.nodes({"plant": "robot", "robot_file": name})
         with pytest.raises(ValueError, match=message):
-            graph.check_robot_files(specs)
-    graph.check_robot_files(graph.nodes({"plant": "rehearsal", "robot_file": "modbus"}))
+            study_nodes.check_robot_files(specs)
+    study_nodes.check_robot_files(study_nodes.nodes({"plant": "rehearsal", "robot_file": "modbus"}))
 
 
 def test_several_fish_of_a_rehearsal_are_emulated_alike() -> None:
-    *nodes, _ = graph.nodes({"plant": "rehearsal", "plants": "[/a/fish, /b/fish]", "robot_file": "modbus"})
+    *nodes, _ = study_nodes.nodes({"plant": "rehearsal", "plants": "[/a/fish, /b/fish]", "robot_file": "modbus"})
     of_each = [[node.name for node in nodes if node.namespace == fish] for fish in ("/a/fish", "/b/fish")]
     assert of_each == [["rehearsal", "servo_driver", "velocity_estimator"]] * 2
     assert [node.parameters.get("robot_file") for node in nodes if node.name == "rehearsal"] == ["modbus"] * 2
 
 
 def test_a_rehearsal_adds_what_stands_for_the_robot_and_says_so() -> None:
-    rehearsal, driver, estimator, optimizer = graph.nodes({"plant": "rehearsal", "robot_file": "modbus"})
+    rehearsal, driver, estimator, optimizer = study_nodes.nodes({"plant": "rehearsal", "robot_file": "modbus"})
     assert (rehearsal.name, rehearsal.parameters) == ("rehearsal", {"robot_file": "modbus"})
     assert (driver.name, driver.parameters) == ("servo_driver", {"plant": "rehearsal"})
     assert (estimator.name, optimizer.name) == ("velocity_estimator", "optimizer")
 
 
 def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
-    spec = graph.NodeSpec("p", "e", "n", "/fish", {"a": 1.0, "b": 2, "c": False, "d": "x y"})
+    spec = study_nodes.NodeSpec("p", "e", "n", "/fish", {"a": 1.0, "b": 2, "c": False, "d": "x y"})
     assert spec.ros_arguments() == [
         *("--ros-args", "-r", "__node:=n", "-r", "__ns:=/fish"),
         *("-p", "a:=1.0", "-p", "b:=2", "-p", "c:=false", "-p", 'd:="x y"'),
@@ -158,7 +158,7 @@ def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
 )
 def test_what_is_unknown_or_out_of_range_is_refused_before_anything_starts(given: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError) as refused:  # noqa: PT011  (the message is looked at below)
-        graph.nodes(given)
+        study_nodes.nodes(given)
     assert message in str(refused.value)
 
 
@@ -172,7 +172,7 @@ def test_words_that_are_no_arguments_are_refused() -> None:
 def test_the_help_lists_every_argument_with_its_default() -> None:
     text = usage(80)
     assert max(map(len, text.splitlines())) < 80
-    for argument in graph.arguments():
+    for argument in study_nodes.arguments():
         assert f"  {argument.name}:={argument.default or '(empty)'}\n" in text
     assert "speed:=0.0" in text
     assert "fin.young_modulus:=1200000000.0" in text
@@ -220,7 +220,7 @@ class Launched:
 
     def __init__(self, launch_file: dict[str, Any], given: dict[str, str], *, included: bool = False) -> None:
         note, *declared, start = launch_file["generate_launch_description"]().arguments[0]
-        assert [item.arguments[0] for item in declared] == [argument.name for argument in graph.arguments()]
+        assert [item.arguments[0] for item in declared] == [argument.name for argument in study_nodes.arguments()]
         argv = [] if included else [f"{name}:={value}" for name, value in given.items()]
         self.context = types.SimpleNamespace(launch_configurations=dict(given), is_shutdown=False, argv=argv)
         with pytest.MonkeyPatch.context() as patch:
@@ -246,7 +246,7 @@ class Launched:
 )
 def test_the_launch_file_starts_the_same_nodes(launch_file: dict[str, Any], given: dict[str, str]) -> None:
     started = [node.named for node in Launched(launch_file, given).nodes]
-    expected = graph.nodes(given)
+    expected = study_nodes.nodes(given)
     assert [(node["package"], node["executable"], node["name"], node["namespace"]) for node in started] == [
         (spec.package, spec.executable, spec.name, spec.namespace) for spec in expected
     ]
@@ -275,7 +275,7 @@ def test_an_unknown_launch_argument_is_refused(
 def test_a_launch_file_that_includes_the_studys_may_have_arguments_of_its_own(launch_file: dict[str, Any]) -> None:
     given = {"of_the_other_file": "1", "robot_file": "of another plant", "trials": "2"}
     assert [node.named["parameters"] for node in Launched(launch_file, given, included=True).nodes] == [
-        [dict(spec.parameters)] for spec in graph.nodes({"trials": "2"})
+        [dict(spec.parameters)] for spec in study_nodes.nodes({"trials": "2"})
     ]
     with pytest.raises(ValueError, match=r"trails:= is no argument of a study: did you mean trials\?"):
         Launched(launch_file, {"trails": "2"}, included=True)
@@ -316,14 +316,14 @@ def test_the_nodes_of_a_launched_study_that_is_stopped_end_without_a_word(launch
 def test_a_fin_is_swum_three_times_on_a_robot_and_once_in_the_simulator_unless_asked_otherwise() -> None:
     def repeats(**given: str) -> object:
         robot_file = {"robot_file": "robot.yaml"} if given.get("plant") == "robot" else {}
-        return graph.nodes(given | robot_file)[-1].parameters.get("repeats", 1)
+        return study_nodes.nodes(given | robot_file)[-1].parameters.get("repeats", 1)
 
     assert [repeats(plant="robot"), repeats(plant="sim"), repeats(plant="robot", repeats="")] == [3, 1, 3]
     assert [repeats(plant="robot", repeats="1"), repeats(repeats="5")] == [1, 5]
 
 
 def test_each_of_several_fish_gets_a_plant_in_its_namespace_and_all_one_optimiser() -> None:
-    specs = graph.nodes({"plants": "[/tank_a/fish, /tank_b/fish]"})
+    specs = study_nodes.nodes({"plants": "[/tank_a/fish, /tank_b/fish]"})
     assert [(spec.name, spec.namespace) for spec in specs] == [
         ("simulator", "/tank_a/fish"),
         ("simulator", "/tank_b/fish"),
@@ -336,6 +336,6 @@ def test_only_a_simulated_fish_waits_longer_for_its_gait() -> None:
     """A robot's tail goes to neutral after half a second, whatever the study asks of a simulator."""
     for plant in ("robot", "rehearsal"):
         given = {"plant": plant, "robot_file": "firmata"} if plant == "robot" else {"plant": plant}
-        specs = graph.nodes(given)
+        specs = study_nodes.nodes(given)
         assert not any("command_timeout" in spec.parameters for spec in specs)
-    assert graph.nodes({"command_timeout": "0.5"})[0].parameters == {"speed": 0.0}
+    assert study_nodes.nodes({"command_timeout": "0.5"})[0].parameters == {"speed": 0.0}

@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_optimizer.curve import simulated_speed
-from fin_optimizer.experiments import LENGTH, MODULUS, model_speeds
-from fin_optimizer.graph import OPTIMIZER_PARAMETERS, SIMULATOR_PARAMETERS
-from fin_optimizer.journal import StudyError
+from fin_optimizer.paper.experiments import LENGTH, MODULUS, model_speeds
+from fin_optimizer.parameters import OPTIMIZER_PARAMETERS, SIMULATOR_PARAMETERS
 from fin_optimizer.plan import Plan
-from fin_optimizer.recorder import Extent
-from fin_optimizer.score import Measurement
-from fin_optimizer.score_bag import scored_swim
-from fin_optimizer.search import Dimension, Evaluation, HillClimber, Space
+from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.score.swim import scored_swim
+from fin_optimizer.search.hill_climber import HillClimber
+from fin_optimizer.search.space import Dimension, Evaluation, Space
+from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.simulated_curve import simulated_speed
+from fin_optimizer.trial.recorder import Extent
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
 from fin_sim import swim

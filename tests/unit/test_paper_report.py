@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_optimizer.experiments import Run, Study
-from fin_optimizer.paper_report import Row, rows
+from fin_optimizer.paper.experiments import Run, Study
+from fin_optimizer.paper.figures import Row, rows
 from fin_plant.fin import Fin
 
 if TYPE_CHECKING:
-    from fin_optimizer.experiments import Table
+    from fin_optimizer.paper.experiments import Table
 
 STUDY = Study()
 AREA = Fin().area

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.graph import OPTIMIZER_PARAMETERS
-from fin_optimizer.journal import StudyError
+from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import Plan
+from fin_optimizer.study.journal import StudyError
 from fin_plant.fin import Fin
 from support.old_studies import take_off_check_sums
 

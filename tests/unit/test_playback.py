@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fin_optimizer.bag import header_stamp, shift_header
-from fin_optimizer.playback import LONGEST_SILENCE, STEP, Playback
+from fin_optimizer.bags.messages import header_stamp, shift_header
+from fin_optimizer.bags.playback import LONGEST_SILENCE, STEP, Playback
 from support.bags import SECOND, START, velocity
 
 HOUR = 3600 * SECOND

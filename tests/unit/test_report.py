@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer import progress, report
-from fin_optimizer.search import Dimension, Space
-from fin_optimizer.study import Candidate, Settings, TrialRecord, candidates
-from fin_optimizer.trial import Outcome
+from fin_optimizer import progress, words
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study import report
+from fin_optimizer.study.study import Candidate, Settings, TrialRecord, candidates
+from fin_optimizer.trial.result import Outcome
 from fin_plant.fin import Fin
 
 if TYPE_CHECKING:
@@ -99,9 +100,9 @@ def test_the_figure_is_drawn_with_and_without_a_curve(tmp_path: Path, with_curve
 
 
 def test_values_are_shown_in_a_laboratorys_units() -> None:
-    assert report.show_values({MODULUS: 1.234e9, "fin.length": 0.08}) == "E 1.234 GPa, length 8 cm"
-    assert report.show_speed(0.026612) == "2.661 cm/s"
-    assert report.show_speed(1.834e-06) == "0.0001834 cm/s"  # a swim of 0.2 s from rest
+    assert words.show_values({MODULUS: 1.234e9, "fin.length": 0.08}) == "E 1.234 GPa, length 8 cm"
+    assert words.show_speed(0.026612) == "2.661 cm/s"
+    assert words.show_speed(1.834e-06) == "0.0001834 cm/s"  # a swim of 0.2 s from rest
 
 
 def test_away_from_a_terminal_there_is_one_line_a_trial() -> None:
@@ -150,7 +151,7 @@ def test_on_a_terminal_of_80_columns_a_live_line_shows_trial_modulus_speed_best_
 @pytest.mark.parametrize("width", [100, 80, 60, 40, 20])
 @pytest.mark.parametrize("length", [{}, {"fin.length": 0.07345}])
 def test_a_live_line_fits_its_terminal_and_cuts_no_number(width: int, length: dict[str, float]) -> None:
-    values = report.show_values({MODULUS: 1.131e9, **length})
+    values = words.show_values({MODULUS: 1.131e9, **length})
     texts = ("fin 12 of 30", values, "measure 9 s", f"best 2.903 cm/s at {values}", "about 25 min left")
     line = progress.live_line(width, *texts)
     assert len(line) <= width

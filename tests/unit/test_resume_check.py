@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.resume_check import check_scores
-from fin_optimizer.score_bag import score_bag
-from fin_optimizer.search import Dimension, Space
-from fin_optimizer.study import Settings, Study, read_trials
-from fin_optimizer.trial import Outcome, Result
+from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.resume_check import check_scores
+from fin_optimizer.study.study import Settings, Study, read_trials
+from fin_optimizer.trial.result import Outcome, Result
 from support.bags import write_swim
 from support.old_studies import take_off_check_sums
 

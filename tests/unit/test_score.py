@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fin_optimizer.score import (
+from fin_optimizer.score.mean_speed import (
     FASTEST,
     LONGEST_GAP,
     MINIMUM_RATE,

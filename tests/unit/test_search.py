@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fin_optimizer.search import Dimension, Evaluation, HillClimber, Space, best, gaussian_step, generator
+from fin_optimizer.search.hill_climber import HillClimber, gaussian_step
+from fin_optimizer.search.space import Dimension, Evaluation, Space, best, generator
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fin_optimizer.silence import silence
+from fin_optimizer.trial.silence import silence
 from fin_plant.discovery import End, Sight
 
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"

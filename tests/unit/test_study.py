@@ -13,10 +13,11 @@ import optuna
 import pytest
 from optuna.visualization import matplotlib as plots
 
-from fin_optimizer.checked_journal import CheckedJournal
-from fin_optimizer.journal import END_FILE, StudyError
-from fin_optimizer.search import Dimension, HillClimber, Space
-from fin_optimizer.study import (
+from fin_optimizer.search.hill_climber import HillClimber
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.checked_journal import CheckedJournal
+from fin_optimizer.study.journal import END_FILE, StudyError
+from fin_optimizer.study.study import (
     JOURNAL_FILE,
     SETTINGS_FILE,
     Candidate,
@@ -26,14 +27,14 @@ from fin_optimizer.study import (
     is_for_another,
     read_settings,
 )
-from fin_optimizer.trial import Outcome, Result
+from fin_optimizer.trial.result import Outcome, Result
 from support.simultaneous_studies import begin_together
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from fin_optimizer.search import Search, Values
+    from fin_optimizer.search.space import Search, Values
 
 MODULUS = "fin.young_modulus"
 SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"),))

@@ -18,19 +18,22 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from fin_optimizer import export, score_bag, show_study
-from fin_optimizer.bag import BagWriter, velocity_samples
-from fin_optimizer.cma import CmaEs
-from fin_optimizer.generations import OneByOne
-from fin_optimizer.genetic import GeneticAlgorithm
-from fin_optimizer.graph import OPTIMIZER_PARAMETERS
-from fin_optimizer.journal import StudyError
+from fin_bringup.throughput import throughput
+from fin_optimizer.bags.messages import velocity_samples
+from fin_optimizer.bags.writer import BagWriter
+from fin_optimizer.commands import export, score_bag, show_study
+from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import Plan
-from fin_optimizer.score import Measurement
-from fin_optimizer.search import Dimension, HillClimber, Space
-from fin_optimizer.study import Objective, Policy, Settings, Study, front, read_trials
-from fin_optimizer.throughput import throughput
-from fin_optimizer.trial import Outcome, Result
+from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.score.swim import scored_swim
+from fin_optimizer.search.cma_es import CmaEs
+from fin_optimizer.search.genetic import GeneticAlgorithm
+from fin_optimizer.search.hill_climber import HillClimber
+from fin_optimizer.search.one_by_one import OneByOne
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.study import Objective, Policy, Settings, Study, front, read_trials
+from fin_optimizer.trial.result import Outcome, Result
 from support.bags import (
     JOINTS,
     START,
@@ -49,7 +52,7 @@ if TYPE_CHECKING:
     from pathlib import Path
     from types import ModuleType
 
-    from fin_optimizer.search import Search
+    from fin_optimizer.search.space import Search
 
 MODULUS, LENGTH = "fin.young_modulus", "fin.length"
 SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"), Dimension(LENGTH, 0.05, 0.12, "m")))
@@ -384,7 +387,7 @@ def with_cost(tmp_path: Path) -> Path:
                 writer.write(VELOCITY.name, speed)
                 writer.write(JOINTS.name, joint)
         samples = velocity_samples(velocities)
-        scored, cost = score_bag.scored_swim(samples, joints, measurement.window(START), measurement)
+        scored, cost = scored_swim(samples, joints, measurement.window(START), measurement)
         study.finish(record.number, Result(Outcome.OK, score=scored.value, spread=scored.spread, cost=cost, samples=1))
     return tmp_path / "study"
 

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fin_optimizer import trial as trial_module
-from fin_optimizer.score import Measurement
-from fin_optimizer.trial import PHASES, Action, Outcome, Reply, Result, Timeouts, Trial
+from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.trial import trial as trial_module
+from fin_optimizer.trial.result import Outcome, Result
+from fin_optimizer.trial.trial import PHASES, Action, Reply, Timeouts, Trial
 from fin_plant.plant_state import PlantState, State
 
 if TYPE_CHECKING:

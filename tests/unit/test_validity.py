@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from fin_optimizer.bag import message_types
-from fin_optimizer.score import ScoreError
-from fin_optimizer.score_bag import refuse_folded
+from fin_optimizer.bags.messages import message_types
+from fin_optimizer.score.mean_speed import ScoreError
+from fin_optimizer.score.swim import refuse_folded
 from fin_plant import validity
 from fin_plant.fin import Fin, ProfiledFin
 from fin_sim import swim_command

@@ -14,20 +14,21 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from fin_optimizer import report
-from fin_optimizer.bag import BagError
-from fin_optimizer.disk_space import shortage
-from fin_optimizer.graph import OPTIMIZER, OPTIMIZER_PARAMETERS
-from fin_optimizer.journal import StudyError
-from fin_optimizer.lane import Lane
-from fin_optimizer.picture import draw_study
+from fin_optimizer.bags.disk_space import shortage
+from fin_optimizer.bags.messages import BagError
+from fin_optimizer.commands.repair_bags import repair_bags
+from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import Plan
 from fin_optimizer.progress import display, show_best
-from fin_optimizer.provenance import provenance
-from fin_optimizer.repair_bags import repair_bags
-from fin_optimizer.resume_check import check_scores
-from fin_optimizer.study import front, is_for_another
-from fin_optimizer.trial import Outcome, Result
+from fin_optimizer.study import report
+from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.picture import draw_study
+from fin_optimizer.study.provenance import provenance
+from fin_optimizer.study.resume_check import check_scores
+from fin_optimizer.study.study import front, is_for_another
+from fin_optimizer.trial.result import Outcome, Result
+from fin_optimizer.trial.swimmer import Lane
+from fin_optimizer.words import show_speed, show_values
 from fin_plant import node_process, topics
 from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
@@ -317,7 +318,7 @@ class Optimizer:
         self._write_report()
         best = self._study.best()
         if best is not None and best.score is not None:
-            words = f"{report.show_values(best.values)} swims {report.show_speed(best.score)}"
+            words = f"{show_values(best.values)} swims {show_speed(best.score)}"
             self._display.say(f"best of {self._swum()}: {words}")
             self._say_front()
         else:
@@ -341,7 +342,7 @@ class Optimizer:
             chosen = front(self._study.candidates)
             self._display.say(f"Pareto front of speed and cost of transport ({len(chosen)} fins):")
             for fin in chosen:
-                words = f"{report.show_values(fin.values)}: {report.show_speed(fin.score or 0.0)}, {fin.cost:.4g} J/m"
+                words = f"{show_values(fin.values)}: {show_speed(fin.score or 0.0)}, {fin.cost:.4g} J/m"
                 self._display.say(f"  {words}")
 
     def _results(self) -> Sequence[str]:

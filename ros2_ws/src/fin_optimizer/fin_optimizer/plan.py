@@ -7,13 +7,14 @@ from dataclasses import replace
 from datetime import datetime
 from typing import TYPE_CHECKING, cast
 
-from fin_optimizer.generations import OneByOne
-from fin_optimizer.graph import NAMESPACE_PATTERN
-from fin_optimizer.report import MODULUS
-from fin_optimizer.score import Measurement
-from fin_optimizer.search import Dimension, HillClimber, Space
-from fin_optimizer.study import SETTINGS_FILE, Objective, Policy, Settings, Study
-from fin_optimizer.trial import Timeouts
+from fin_optimizer.parameters import NAMESPACE_PATTERN
+from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.search.hill_climber import HillClimber
+from fin_optimizer.search.one_by_one import OneByOne
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.study import SETTINGS_FILE, Objective, Policy, Settings, Study
+from fin_optimizer.trial.trial import Timeouts
+from fin_optimizer.words import MODULUS
 from fin_plant.fin import AREA, Fin
 from fin_plant.gait import Gait, JointDrive, carangiform
 from fin_plant.paths import given_path
@@ -21,7 +22,7 @@ from fin_plant.paths import given_path
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from fin_optimizer.search import Search
+    from fin_optimizer.search.space import Search
     from fin_plant.parameters import Value
 
 # What decides candidates and scores, hence must not change while a study goes on.
@@ -85,8 +86,8 @@ class Plan:
             msg = f"search.algorithm = {name} knows one objective only: use hill_climber for {self.objective}"
             raise ValueError(msg)
         # Both take longer to load than a study with the hill climber should wait.
-        from fin_optimizer.cma import CmaEs  # noqa: PLC0415
-        from fin_optimizer.genetic import GeneticAlgorithm  # noqa: PLC0415
+        from fin_optimizer.search.cma_es import CmaEs  # noqa: PLC0415
+        from fin_optimizer.search.genetic import GeneticAlgorithm  # noqa: PLC0415
 
         if name == "cma_es":
             return OneByOne(CmaEs(space, seed, population))

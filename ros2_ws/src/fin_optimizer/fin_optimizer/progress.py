@@ -6,15 +6,15 @@ import math
 import time
 from typing import TYPE_CHECKING, Protocol, TextIO
 
-from fin_optimizer.report import show_speed, show_values, trial_name
-from fin_optimizer.trial import Outcome
+from fin_optimizer.trial.result import Outcome
+from fin_optimizer.words import show_speed, show_values, trial_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rich.progress import TaskID
 
-    from fin_optimizer.study import Candidate, TrialRecord
+    from fin_optimizer.study.study import Candidate, TrialRecord
 
 _REDRAWS_PER_SECOND = 8.0
 _SLOW_SECONDS = 1.0

@@ -11,13 +11,12 @@ from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from fin_plant.gait import COLUMNS, Gait
 from fin_plant.plant_state import PlantState, State
+from fin_plant.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import ArrayLike
-
-NANOSECONDS = 1_000_000_000
 
 
 def time_message(nanoseconds: int) -> Time:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rclpy.serialization import serialize_message
 
-from fin_plant.messages import NANOSECONDS
+from fin_plant.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -1,0 +1,11 @@
+"""Bags of trials: rosbag2 bags in MCAP that survive a kill, without ROS.
+
+messages    serialised messages: their types, stamps and velocities
+log_time    the time at which a message is logged
+writer      writes a bag, each second on the disk
+reader      reads any bag, also one of other writers
+files       where a bag's files are
+integrity   what check sums tell
+playback    when which message is played
+disk_space  whether there is room for one more
+"""

@@ -1,0 +1,65 @@
+"""Command ``control``: starts, pauses or stops the study of a running optimiser."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import TYPE_CHECKING
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from fin_optimizer.parameters import OPTIMIZER
+from fin_plant import node_process, topics
+from fin_plant.discovery import look_around, no_service
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rclpy.client import Client
+
+WORDS = ("start", "pause", "stop")
+_PATIENCE = 5.0
+"""s in which the optimiser must be found, and answer."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return 0 if the optimiser has done it, 1 if it refuses or is not there."""
+    parser = argparse.ArgumentParser(
+        prog="control",
+        description="Start a study that holds, let it hold after the trial under way (pause), or end it there (stop).",
+    )
+    parser.add_argument("word", choices=WORDS)
+    parser.add_argument("--namespace", default=topics.NAMESPACE, help="of the optimiser (default: %(default)s)")
+    given = parser.parse_args(arguments)
+    try:
+        with node_process.starting_ros():
+            node = Node(f"{OPTIMIZER}_control", namespace=given.namespace)
+        return _ask(node, node.create_client(Trigger, f"{OPTIMIZER}/{given.word}"))
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        rclpy.try_shutdown()
+
+
+def _ask(node: Node, client: Client) -> int:
+    if not client.wait_for_service(_PATIENCE):
+        seen = no_service(str(client.service_name), look_around(node), advice="give --namespace {namespace}")
+        sys.stderr.write(f"error: no optimiser found within {_PATIENCE:g} s: {seen}\n")
+        return node_process.EXIT_FAILURE
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    future = client.call_async(Trigger.Request())
+    executor.spin_until_future_complete(future, _PATIENCE)
+    answer = future.result() if future.done() else None
+    if answer is None:
+        sys.stderr.write(f"error: no answer from {client.service_name} within {_PATIENCE:g} s\n")
+        return node_process.EXIT_FAILURE
+    (sys.stdout if answer.success else sys.stderr).write(f"{answer.message}\n")
+    return node_process.EXIT_OK if answer.success else node_process.EXIT_FAILURE
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,318 @@
+"""`campaign`: the paper's experiments, all or some, resumed where they were cut short, with the paper's figures.
+
+A folder holds `study.json`, one file a finished run in `runs/`, and what is drawn from them. A run's file is written
+whole under another name and then renamed, so a kill at any moment leaves finished runs and nothing else; the next
+start carries out the missing ones. The runs may go to any executor of `concurrent.futures`, a Dask cluster's too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+import zipfile
+from collections.abc import Callable
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from functools import partial
+from multiprocessing import forkserver, resource_tracker
+from multiprocessing.connection import wait
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from fin_optimizer.paper import figures
+from fin_optimizer.paper.experiments import EXPERIMENTS, Run, Study, groups, perform, plan
+from fin_plant import checks, json_file
+from fin_plant.paths import given_path
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from fin_optimizer.paper.experiments import Table
+
+_INTERRUPTED, _REFUSED = 130, 2
+
+
+Show = Callable[[int, int], None]
+"""Told that so many more runs with so many swims are done."""
+
+
+def _write(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file whole or not at all: ``write`` gets a path beside it, which then takes its name."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
+    try:
+        write(part)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _open_folder(folder: Path, study: Study) -> None:
+    """Make the folder, or see that it holds the same study."""
+    settings = folder / "study.json"
+    wanted = json.loads(json.dumps(asdict(study)))
+    try:
+        (folder / "runs").mkdir(parents=True, exist_ok=True)
+        if not settings.exists():
+            text = json.dumps(wanted, indent=2) + "\n"
+            _write(settings, lambda path: path.write_text(text, encoding="utf-8"))
+    except OSError as error:
+        msg = f"cannot write to the folder {folder}: {error.strerror}; choose another one with --output"
+        raise ValueError(msg) from None
+    try:
+        found = json_file.parse(settings.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        msg = f"{settings} cannot be read ({error}): move it away, or choose another folder with --output"
+        raise ValueError(msg) from None
+    if found != wanted:
+        changed = [name for name in wanted if found.get(name) != wanted[name]] if isinstance(found, dict) else ["all"]
+        msg = (
+            f"{folder} holds a campaign with other settings ({', '.join(changed)}): "
+            "give the same ones to resume it, or choose another folder with --output"
+        )
+        raise ValueError(msg)
+
+
+def load_run(path: Path, run: Run) -> Table:
+    """Return the candidates of a finished run.
+
+    Raises:
+        ValueError: A file that is no whole result of this run.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
+            table = {name: content[name] for name in content.files}
+            name = str(table.pop("run"))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        msg = f"result file {path} is damaged ({error}): move it away, the run is then repeated"
+        raise ValueError(msg) from None
+    if name != run.name:
+        msg = f"result file {path} is that of run {name}: move it away, the run is then repeated"
+        raise ValueError(msg)
+    sizes = {column.shape for column in table.values()}
+    if not {"generation", "candidate", "young_modulus", "length", "height", "speed"} <= table.keys() or len(sizes) != 1:
+        msg = f"result file {path} is damaged (columns missing or cut short): move it away, the run is then repeated"
+        raise ValueError(msg)
+    return table
+
+
+def _save(path: Path, run: Run, table: Table) -> None:
+    _write(path, lambda part: np.savez_compressed(part, allow_pickle=False, run=np.array(run.name), **table))
+
+
+def finished(folder: Path, runs: Sequence[Run]) -> dict[Run, Table]:
+    """Return the runs whose results lie in the folder.
+
+    Raises:
+        ValueError: A file that is no whole result.
+    """
+    paths = {run: folder / "runs" / f"{run.name}.npz" for run in runs}
+    return {run: load_run(path, run) for run, path in paths.items() if path.exists()}
+
+
+def carry_out(runs: Sequence[Run], folder: Path, executor: Executor, show: Show) -> dict[Run, Table]:
+    """Carry out runs, write each as soon as its group is done, and return their tables.
+
+    Args:
+        runs: The runs.
+        folder: The campaign's folder.
+        executor: Where they are carried out; results do not depend on it.
+        show: Told of every finished group.
+    """
+    waiting = {executor.submit(perform, group): group for group in groups(runs)}
+    results = {}
+    try:
+        for future in as_completed(waiting):
+            for run, table in zip(waiting[future], future.result(), strict=True):
+                _save(folder / "runs" / f"{run.name}.npz", run, table)
+                results[run] = table
+                show(1, len(table["speed"]))
+    finally:
+        for future in waiting:
+            future.cancel()
+    return results
+
+
+def collect(folder: Path, results: Mapping[Run, Table]) -> None:
+    """Write the tidy tables: every candidate in candidates.npz, every run in runs.csv."""
+    ordered = sorted(results, key=lambda run: (list(EXPERIMENTS).index(run.experiment), run.number))
+    sizes = [len(results[run]["speed"]) for run in ordered]
+    columns: dict[str, np.ndarray] = {
+        "experiment": np.repeat([run.experiment for run in ordered], sizes),
+        "run": np.repeat([run.number for run in ordered], sizes),
+    }
+    for name in results[ordered[0]]:
+        columns[name] = np.concatenate([results[run][name] for run in ordered])
+    _write(folder / "candidates.npz", lambda path: np.savez_compressed(path, allow_pickle=False, **columns))
+    lines = ["experiment,run,seed,swims,best_speed_m_s,young_modulus_pa,length_m,height_m"]
+    for run in ordered:
+        best = figures.best(results[run])
+        shown = ",".join(f"{best[name]:.9g}" for name in ("speed", "young_modulus", "length", "height"))
+        lines.append(f"{run.experiment},{run.number},{run.seed},{len(results[run]['speed'])},{shown}")
+    _write(folder / "runs.csv", lambda path: path.write_text("\n".join(lines) + "\n", encoding="utf-8"))
+
+
+def _end_with_parent() -> None:
+    """End this worker when the campaign is gone: a killed one cannot tell its workers to."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+
+        def watch() -> None:
+            wait([parent.sentinel])
+            os._exit(1)
+
+        threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
+    """Yield where the runs are carried out: processes of this machine, or a Dask cluster.
+
+    Raises:
+        ValueError: No scheduler answers at the address, or dask.distributed is not installed.
+    """
+    if dask is None:
+        # Not forked from this process, which has threads: from a server that has imported the experiments once.
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["fin_optimizer.paper.experiments"])
+        # Ctrl-C on a terminal reaches the server and the workers too, while they import as well: it is this process's
+        # to answer. They inherit the mask; a signal that comes meanwhile reaches this process behind it. The tracker
+        # of resources, which is started too, would lift the mask again.
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            forkserver.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as pool:
+            try:
+                yield pool
+            except KeyboardInterrupt:
+                for worker in multiprocessing.active_children():
+                    worker.terminate()
+                raise
+        return
+    try:
+        from distributed import Client  # noqa: PLC0415  (needed by those who have a cluster only)
+    except ImportError:
+        msg = "--dask needs the package distributed: pip install -r requirements/bench.txt"
+        raise ValueError(msg) from None
+    try:
+        client = Client(dask, timeout=10, set_as_default=False)
+    except (OSError, ValueError, TimeoutError) as error:
+        msg = f"no Dask scheduler at {dask} ({type(error).__name__}: {error}): start one with `dask scheduler`"
+        raise ValueError(msg) from None
+    with client, client.get_executor() as executor:
+        yield executor
+
+
+def compile_first(runs: Sequence[Run]) -> float:
+    """Compile what the runs need, so that workers find it in the cache; return the time that it took in s."""
+    begun = time.perf_counter()
+    small = {"landscape": 2, "generations": 1, "population": 2, "hill_climber_candidates": 1}
+    for experiment in dict.fromkeys(run.experiment for run in runs):
+        first = next(run for run in runs if run.experiment == experiment)
+        perform([replace(first, study=replace(first.study, **small))])  # type: ignore[arg-type]
+    return time.perf_counter() - begun
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="campaign", description="Run the paper's experiments; the same command again resumes them."
+    )
+    add = parser.add_argument
+    names = ", ".join(EXPERIMENTS)
+    add("experiments", nargs="*", metavar="EXPERIMENT", help=f"all, or some of: {names}")
+    add("--output", type=given_path, default=Path("runs/campaign"), help="folder of the results (default: %(default)s)")
+    add("--variant", choices=("paper", "2012"), default="paper", help="sizes of the paper, or of Clark et al. 2012")
+    add("--seed", type=checks.read_whole_number, help="of all random numbers")
+    add("--hill-climber-runs", type=checks.read_whole_number, help="runs of the hill climber")
+    add("--hill-climber-candidates", type=checks.read_whole_number, help="fins that each of them tries")
+    add("--genetic-runs", type=checks.read_whole_number, help="runs of each genetic algorithm")
+    add("--population", type=checks.read_whole_number, help="individuals of a generation")
+    add("--generations", type=checks.read_whole_number, help="generations of a run")
+    add("--landscape", type=checks.read_whole_number, help="points over E, and over the length")
+    add(
+        "--modulus",
+        type=checks.read_number,
+        nargs=2,
+        metavar=("LOW", "HIGH"),
+        help="range of E in GPa for experiments on E alone",
+    )
+    add("--workers", type=checks.read_whole_number, default=os.cpu_count() or 1, help="processes (default: one a core)")
+    add("--dask", metavar="ADDRESS", help="carry the runs out on the Dask cluster with this scheduler")
+    return parser
+
+
+def _study(arguments: argparse.Namespace) -> Study:
+    study = Study() if arguments.variant == "paper" else Study.clark()
+    sizes = ("seed", "hill_climber_runs", "hill_climber_candidates", "genetic_runs", "population", "generations")
+    given = {name: getattr(arguments, name) for name in (*sizes, "landscape") if getattr(arguments, name) is not None}
+    if arguments.modulus is not None:
+        given["modulus"] = tuple(
+            checks.number("--modulus", value, 0.01, 200.0, unit="GPa") * 1e9 for value in arguments.modulus
+        )
+    return replace(study, **given)
+
+
+def _run(arguments: argparse.Namespace, console: Console) -> None:
+    study = _study(arguments)
+    runs = plan(study, arguments.experiments)
+    workers = checks.whole_number("--workers", arguments.workers, 1)
+    folder: Path = arguments.output
+    _open_folder(folder, study)
+    results = finished(folder, runs)
+    missing = [run for run in runs if run not in results]
+    if missing:
+        console.print(
+            f"compiled in {compile_first(missing):.1f} s; {len(results)} of {len(runs)} runs are done already"
+        )
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs"))
+        bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console)
+        with open_executor(workers, arguments.dask) as executor, bar:
+            task = bar.add_task("swimming", total=len(missing))
+            begun, swum = time.perf_counter(), 0
+
+            def show(done: int, swims: int) -> None:
+                nonlocal swum
+                swum += swims
+                bar.advance(task, done)
+
+            results |= carry_out(missing, folder, executor, show)
+            took = time.perf_counter() - begun
+        console.print(f"{swum} swims in {took:.1f} s, {swum / took:.0f} a second")
+    collect(folder, results)
+    warn = partial(console.print, "campaign: warning:", markup=False)
+    for path in figures.write(folder, study, results, warn):
+        console.print(f"wrote {path}")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command: exit 0 when done, 2 for what is refused, 130 when interrupted."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    try:
+        options = _parser().parse_args(arguments)
+        _run(options, console)
+        report = options.output / "paper.md"
+        if report.exists():
+            sys.stdout.write(report.read_text(encoding="utf-8"))
+    except ValueError as error:
+        console.print(f"campaign: error: {error}", markup=False)
+        sys.exit(_REFUSED)
+    except KeyboardInterrupt:
+        console.print("campaign: interrupted; the same command again goes on with the runs that are missing")
+        sys.exit(_INTERRUPTED)
+
+
+if __name__ == "__main__":
+    main()

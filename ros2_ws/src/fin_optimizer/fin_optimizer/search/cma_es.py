@@ -1,0 +1,110 @@
+"""CMA-ES as the yardstick: the covariance matrix adaptation of the library `cmaes`, made safe for a study.
+
+The library ranks NaN as the best score and loses its random numbers when an optimiser is pickled. Here a candidate
+without a score counts as the worst of its generation, and nothing is pickled: an optimiser is told the whole history
+again where the one at hand has not seen it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import cmaes
+import numpy as np
+
+from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from fin_optimizer.search.genetic import Generation
+    from fin_optimizer.search.space import Space
+
+_LARGEST_SEED = 2**32  # of the library's random numbers
+
+
+@dataclass
+class _Replay:
+    """An optimiser and the generations that it was told, by identity."""
+
+    optimiser: cmaes.CMA
+    told: list[Generation] = field(default_factory=list)
+    asked: list[NDArray[np.float64]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class CmaEs:
+    """CMA-ES over the space scaled to the unit box (Hansen, arXiv:1604.00772; population and weights by the library).
+
+    Attributes:
+        space: Where to search; at least two parameters, as the library wants.
+        seed: Of all its random numbers, 0 or more.
+        population: Candidates of a generation; the library's 4 + 3 ln(parameters) where none is given.
+        deviation: Initial standard deviation, as a share of each range.
+
+    Raises:
+        ValueError: A number that cannot be, or a space of one parameter.
+    """
+
+    space: Space
+    seed: int
+    population: int | None = None
+    deviation: float = 0.3
+    _replays: list[_Replay] = field(default_factory=list, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        checks.whole_number("seed", self.seed, 0)
+        checks.number("deviation", self.deviation, 0.0, 1.0, exclusive_minimum=True)
+        if len(self.space.names) < 2:  # noqa: PLR2004
+            msg = f"CMA-ES needs at least 2 parameters, the space has {list(self.space.names)}: use the hill climber"
+            raise ValueError(msg)
+        if self.population is not None:
+            checks.whole_number("population", self.population, 5)
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_replays": []}
+
+    def propose(self, history: Sequence[Generation]) -> NDArray[np.float64]:
+        """Return the next generation, shape (population, parameters)."""
+        replay = self._replays[-1] if self._replays else None
+        if (
+            replay is None
+            or len(replay.told) > len(history)
+            or any(a is not b for a, b in zip(replay.told, history, strict=False))
+        ):
+            replay = _Replay(self._optimiser())
+            self._replays[:] = [replay]
+        while len(replay.asked) <= len(history):
+            if replay.asked:
+                self._tell(replay, history[len(replay.told)])
+            replay.asked.append(np.array([replay.optimiser.ask() for _ in range(replay.optimiser.population_size)]))
+        low = np.array([dimension.minimum for dimension in self.space.dimensions])
+        high = np.array([dimension.maximum for dimension in self.space.dimensions])
+        return np.asarray(np.clip(low + (high - low) * replay.asked[len(history)], low, high))
+
+    def _optimiser(self) -> cmaes.CMA:
+        random = np.random.default_rng(np.random.SeedSequence(self.seed))
+        count = len(self.space.names)
+        return cmaes.CMA(
+            mean=random.uniform(0.0, 1.0, count),
+            sigma=self.deviation,
+            bounds=np.tile([0.0, 1.0], (count, 1)),
+            seed=int(random.integers(_LARGEST_SEED)),
+            population_size=self.population,
+        )
+
+    def _tell(self, replay: _Replay, generation: Generation) -> None:
+        asked = replay.asked[-1]
+        if len(generation.scores) != len(asked):
+            msg = (
+                f"generation {len(replay.told)} has {len(generation.scores)} scores, {len(asked)} candidates were asked"
+            )
+            raise ValueError(msg)
+        known = generation.scores[~np.isnan(generation.scores)]
+        worst = float(known.min()) if known.size else 0.0
+        scores = np.where(np.isnan(generation.scores), worst, generation.scores)
+        replay.optimiser.tell([(values, -float(score)) for values, score in zip(asked, scores, strict=True)])
+        replay.told.append(generation)

@@ -1,0 +1,151 @@
+"""The paper's genetic algorithm: the next generation as a pure function of the seed and of the generations before.
+
+Raja Mohamed & Raviraj: 100 individuals, uniform start, tournaments of three, Gaussian mutation only, the best tenth
+kept. Clark et al. 2012: 125 individuals, and one-point crossover where shape and stiffness evolve together. Arrays hold
+a whole generation, so that its fins swim side by side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from fin_optimizer.search.space import generator
+from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from fin_optimizer.search.space import Space
+
+_REDRAWS = 1000  # as `search.gaussian_step`
+
+
+@dataclass(frozen=True)
+class Generation:
+    """Candidates that were tried together.
+
+    Attributes:
+        values: Shape (candidates, parameters), the parameters in the order of the space.
+        scores: Shape (candidates,), more is better; NaN for a candidate that has none.
+
+    Raises:
+        ValueError: Shapes that do not fit, or an infinite score.
+    """
+
+    values: NDArray[np.float64]
+    scores: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 2 or self.scores.shape != self.values.shape[:1]:  # noqa: PLR2004
+            msg = f"scores of shape {self.scores.shape} do not fit values of shape {self.values.shape}: give one a row"
+            raise ValueError(msg)
+        if np.isinf(self.scores).any():
+            msg = (
+                f"score of candidate {int(np.argmax(np.isinf(self.scores)))} is infinite: give NaN where there is none"
+            )
+            raise ValueError(msg)
+
+    def ranked(self) -> NDArray[np.float64]:
+        """Return the scores with minus infinity for candidates without one: they lose against every other."""
+        return np.where(np.isnan(self.scores), -np.inf, self.scores)
+
+
+class PopulationSearch(Protocol):
+    """A search that proposes a generation at a time."""
+
+    @property
+    def space(self) -> Space:
+        """Where it searches."""
+
+    def propose(self, history: Sequence[Generation]) -> NDArray[np.float64]:
+        """Return what follows ``history``, shape (candidates, parameters); the same for the same history."""
+
+
+def _bounds(space: Space) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    low = np.array([dimension.minimum for dimension in space.dimensions])
+    return low, np.array([dimension.maximum for dimension in space.dimensions])
+
+
+def mutated(
+    space: Space, parents: NDArray[np.float64], deviations: NDArray[np.float64], random: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return ``parents``, shape (n, parameters), each moved by a Gaussian step that is drawn again while outside.
+
+    What does not fall inside in a thousand draws is drawn uniformly; see `search.gaussian_step` for the reasons.
+    """
+    low, high = _bounds(space)
+    result = parents + deviations * random.standard_normal(parents.shape)
+    for _ in range(_REDRAWS):
+        rows, columns = np.nonzero((result < low) | (result > high))
+        if not rows.size:
+            return result
+        result[rows, columns] = parents[rows, columns] + deviations[columns] * random.standard_normal(rows.size)
+    rows, columns = np.nonzero((result < low) | (result > high))
+    result[rows, columns] = random.uniform(low[columns], high[columns])
+    return result
+
+
+@dataclass(frozen=True)
+class GeneticAlgorithm:
+    """The papers' genetic algorithm.
+
+    Attributes:
+        space: Where to search.
+        seed: Of all its random numbers, 0 or more.
+        deviations: Standard deviation of a mutation, by parameter and in its unit; every gene of a child mutates.
+        population: Individuals of a generation.
+        tournament: Individuals drawn for each parent, the best of which becomes it.
+        elite: Share of a generation, its best, that goes on unchanged.
+        crossover: Whether a child takes its first genes from one parent and the others from a second one.
+
+    Raises:
+        ValueError: A number that cannot be, or deviations for other parameters than the space's.
+    """
+
+    space: Space
+    seed: int
+    deviations: Mapping[str, float]
+    population: int = 100
+    tournament: int = 3
+    elite: float = 0.1
+    crossover: bool = False
+
+    def __post_init__(self) -> None:
+        checks.whole_number("seed", self.seed, 0)
+        checks.whole_number("population", self.population, 2)
+        checks.whole_number("tournament", self.tournament, 1)
+        checks.number("elite", self.elite, 0.0, 1.0)
+        if set(self.deviations) != set(self.space.names):
+            msg = f"mutations are given for {sorted(self.deviations)}, but the space has {sorted(self.space.names)}"
+            raise ValueError(msg)
+        for name, deviation in self.deviations.items():
+            checks.number(f"mutation of {name}", deviation, 0.0, exclusive_minimum=True)
+
+    def propose(self, history: Sequence[Generation]) -> NDArray[np.float64]:
+        """Return the next generation, shape (population, parameters): the elite first, then the children."""
+        random = generator(self.seed, len(history))
+        low, high = _bounds(self.space)
+        if not history:
+            return random.uniform(low, high, (self.population, len(low)))
+        last = history[-1]
+        ranked = last.ranked()
+        elite = np.argsort(-ranked, kind="stable")[: round(self.elite * self.population)]
+        children = self.population - len(elite)
+        parents = last.values[self._winners(ranked, children, random)]
+        if self.crossover:
+            others = last.values[self._winners(ranked, children, random)]
+            cut = random.integers(1, len(low), children) if len(low) > 1 else np.ones(children, dtype=int)
+            parents = np.where(np.arange(len(low)) < cut[:, None], parents, others)
+        deviations = np.array([self.deviations[name] for name in self.space.names])
+        return np.vstack((last.values[elite], mutated(self.space, parents, deviations, random)))
+
+    def _winners(self, ranked: NDArray[np.float64], count: int, random: np.random.Generator) -> NDArray[np.intp]:
+        """Return the best of each of ``count`` tournaments, as indices."""
+        drawn = random.integers(0, len(ranked), (count, self.tournament))
+        best = np.argmax(ranked[drawn], axis=1)
+        return np.asarray(drawn[np.arange(count), best])

@@ -1,0 +1,90 @@
+"""The paper's hill climber, with one objective or two."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from fin_optimizer.search.space import Evaluation, Space, Values, best, generator, pareto_front, uniform
+from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy as np
+
+
+# How often a step that left the range is drawn again. When as many steps all fall outside, the range is so narrow
+# beside the step that a Gaussian inside it is flat: a uniform draw is then the same.
+_REDRAWS = 1000
+
+
+def gaussian_step(
+    space: Space, centre: Mapping[str, float], deviations: Mapping[str, float], random: np.random.Generator
+) -> Values:
+    """Return ``centre`` moved by an independent Gaussian step in every parameter, drawn again while outside.
+
+    The paper does not say what happens to a step that leaves the range. Drawn again, the step is a Gaussian cut off at
+    the bounds: its density stays smooth. Clipped, a large part of all steps near an end would land exactly on it, and
+    the same fin would be built and swum again and again.
+
+    Args:
+        space: Ranges to stay in.
+        centre: Where the step starts, inside the ranges.
+        deviations: Standard deviation of the step, by parameter and in its unit.
+        random: Where the random numbers come from.
+    """
+    result: Values = {}
+    for dimension in space.dimensions:
+        steps = centre[dimension.name] + deviations[dimension.name] * random.standard_normal(_REDRAWS)
+        inside = steps[(steps >= dimension.minimum) & (steps <= dimension.maximum)]
+        drawn = inside[0] if inside.size else random.uniform(dimension.minimum, dimension.maximum)
+        result[dimension.name] = float(drawn)
+    return result
+
+
+@dataclass(frozen=True)
+class HillClimber:
+    """The paper's hill climber: start anywhere in the range, step from the best so far, keep the better one.
+
+    Raja Mohamed & Raviraj, and Clark et al. 2012: uniform start in the range, one Gaussian mutation a candidate with a
+    variance of 0.1 (GPa^2). A candidate without a score is passed over, so it never becomes the one to step from; while
+    nothing has a score yet, the start is drawn anew.
+
+    With two objectives it steps from a fin of the Pareto front, drawn with equal chances, which is the Simple
+    Evolutionary Multi-objective Optimizer of Laumanns, Thiele & Zitzler 2004 with a Gaussian step.
+
+    Attributes:
+        space: Where to search.
+        seed: Of all its random numbers, 0 or more.
+        deviations: Standard deviation of the step, by parameter and in its unit.
+
+    Raises:
+        ValueError: A seed or deviation that cannot be, or deviations for other parameters than the space's.
+    """
+
+    space: Space
+    seed: int
+    deviations: Mapping[str, float]
+
+    def __post_init__(self) -> None:
+        checks.whole_number("seed", self.seed, 0)
+        if set(self.deviations) != set(self.space.names):
+            msg = f"steps are given for {sorted(self.deviations)}, but the space has {sorted(self.space.names)}"
+            raise ValueError(msg)
+        for dimension in self.space.dimensions:
+            deviation = self.deviations[dimension.name]
+            checks.number(f"step of {dimension.name}", deviation, 0.0, unit=dimension.unit, exclusive_minimum=True)
+
+    def needed(self, number: int) -> int:  # noqa: ARG002  (as every search)
+        """Return 0: it steps from the best that is known, whatever still swims."""
+        return 0
+
+    def propose(self, history: Sequence[Evaluation]) -> Values:
+        """Return the candidate that follows ``history``."""
+        random = generator(self.seed, len(history))
+        front = pareto_front(history)
+        incumbent = history[front[random.integers(len(front))]] if front else best(history)
+        if incumbent is None:
+            return uniform(self.space, random)
+        return gaussian_step(self.space, incumbent.values, self.deviations, random)

@@ -1,0 +1,106 @@
+"""The pictures of a study, drawn from its settings, trials and fish alone: also later, and while it runs."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, cast
+
+from fin_optimizer.parameters import SIMULATOR
+from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.study import report
+from fin_optimizer.study.simulated_curve import simulated_speed
+from fin_optimizer.study.study import Objective, candidates, fastest, front
+from fin_plant.figures import try_to_draw
+from fin_plant.fin import AREA, Fin
+from fin_plant.gait import carangiform
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from fin_optimizer.study.study import Candidate, Settings, TrialRecord
+
+_FREQUENCY, _AMPLITUDE = "gait.frequency", "gait.amplitude"
+_SETTLE, _DURATION = "measurement.settle", "measurement.duration"
+
+
+def draw_study(
+    path: Path, settings: Settings, trials: Sequence[TrialRecord], fish: Mapping[str, object]
+) -> tuple[list[Path], list[str]]:
+    """Draw speed over what was searched, and where the study is about the cost too the Pareto front beside it.
+
+    Args:
+        path: Where to write the first picture, in the format that its name ends in.
+        settings: Of the study.
+        trials: All of them, one at least with a score.
+        fish: What swam, as the journal has it; empty if it is not known.
+
+    Returns:
+        What was drawn, and why the rest could not be.
+    """
+    tried = candidates(trials)
+    wanted = {path: lambda: _draw_speed(path, settings, trials, fish)}
+    if settings.objective is Objective.SPEED_AND_COST:
+        beside = path.with_name(report.FRONT_FILE).with_suffix(path.suffix)
+        if path.name != report.FIGURE_FILE:
+            beside = path.with_stem(f"{path.stem}_pareto_front")
+        wanted[beside] = lambda: report.write_front(beside, tried, front(tried), title=title(settings, tried))
+    failures = {each: try_to_draw(each, draw) for each, draw in wanted.items()}
+    return [each for each, why in failures.items() if not why], [why for why in failures.values() if why]
+
+
+def _draw_speed(path: Path, settings: Settings, trials: Sequence[TrialRecord], fish: Mapping[str, object]) -> None:
+    tried = candidates(trials)
+    best, heading = fastest(tried), title(settings, tried)
+    first, *others = settings.space.dimensions
+    if others:
+        report.write_map(path, tried, best, (first, others[0]), title=heading)
+        return
+    curve = _curve(settings, fish)
+    report.write_figure(path, trials, best, first, curve=curve, title=heading)
+
+
+def _curve(settings: Settings, fish: Mapping[str, object]) -> report.Curve | None:
+    """Return the simulator's speed over what was searched, None where it was no simulator that swam."""
+    details = cast("Mapping[str, float]", settings.details)
+    if fish.get("plant") != SIMULATOR or not {_FREQUENCY, _AMPLITUDE, _SETTLE, _DURATION} <= details.keys():
+        return None
+    (dimension,) = settings.space.dimensions
+    fin = Fin.from_parameters(settings.fin_of({dimension.name: dimension.minimum}))
+    gait = carangiform(details[_AMPLITUDE], details[_FREQUENCY])
+    measurement = Measurement(details[_SETTLE], details[_DURATION], block=1.0 / details[_FREQUENCY])
+    parameters = {name: value for name, value in fish.items() if name != "plant"}
+    try:
+        speed = simulated_speed(dimension.name, fin, gait, measurement, parameters)  # type: ignore[arg-type]
+    except (LookupError, ValueError):  # an older version's simulator, which had other parameters
+        return None
+    return report.sweep(dimension, speed)
+
+
+def title(settings: Settings, tried: Sequence[Candidate]) -> str:
+    """Return a picture's heading: the fin as far as it stays, with its profile, and the gait."""
+    details = cast("Mapping[str, float]", settings.details)
+    lines = [_fin(settings, tried)]
+    if {_FREQUENCY, _AMPLITUDE} <= details.keys():
+        gait = f"{details[_FREQUENCY]:g} Hz, {math.degrees(details[_AMPLITUDE]):.4g}° either way"
+        lines.append(f"{gait}; swims of {details[_DURATION]:g} s" if _DURATION in details else gait)
+    return "\n".join(filter(None, lines))
+
+
+def _fin(settings: Settings, tried: Sequence[Candidate]) -> str:
+    """Return the fin in words, without what was searched; nothing if the settings do not tell it."""
+    if not tried or "fin.thickness" not in settings.details:
+        return ""
+    names = settings.space.names
+    fin = settings.fin_of(tried[0].values)
+    if "fin.length" not in names:
+        return Fin.from_parameters(fin).describe(without=names)
+    told = [f"{1000.0 * fin['fin.thickness']:.4g} mm thick"]
+    area = cast("float", settings.details.get(AREA, 0.0))
+    if area:
+        told.insert(0, f"of {1e4 * area:.4g} cm²")
+        heights = [fin["fin.height"], *fin["fin.profile_height"], fin["fin.tip_height"]]
+        shape = [f"{height / heights[0]:.3g}" for height in heights]
+        if len(set(shape)) > 1:
+            told.append(f"heights from root to tip as {' : '.join(shape)}")
+    return f"fin {', '.join(told)}"

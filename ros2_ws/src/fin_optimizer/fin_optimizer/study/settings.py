@@ -1,0 +1,273 @@
+"""What must not change while a study goes on, and the file ``study.json`` that holds it, written once and locked."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import re
+import uuid
+from dataclasses import asdict, dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Any, TextIO, cast
+
+from optuna.study import StudyDirection
+
+from fin_optimizer.checksums import CHECK_SUM, check_sum
+from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.journal import StudyError
+from fin_plant import checks, json_file
+from fin_plant.fin import AREA, scaled_to_area
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+FORMAT = 1
+SETTINGS_FILE = "study.json"
+PARTIAL = ".partial"
+_NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS}
+"""What os.link says on vfat and exFAT, on CIFS, and in user space."""
+_CONTENT = ("format", "space", "policy", "objective", "details")
+"""Entries of the settings file, beside those that tell this study from others and that it was not changed."""
+_ADDED = frozenset({AREA, "measurement.largest_speed", "measurement.largest_start_speed"})
+"""Settings that studies of older versions lack."""
+_SETTINGS_SUM = re.compile(rf',\n  "{CHECK_SUM}": "([0-9a-f]+)"\n}}\n\Z')
+
+
+# What a study may be after: name, Optuna's direction, and how its dashboard labels the axis.
+_SPEED = ("speed", StudyDirection.MAXIMIZE, "mean forward speed (m/s)")
+_COST = ("cost of transport", StudyDirection.MINIMIZE, "cost of transport (J/m)")
+
+
+class Objective(StrEnum):
+    """What a study looks for."""
+
+    SPEED = "speed"
+    SPEED_AND_COST = "speed_and_cost_of_transport"
+
+    @property
+    def parts(self) -> tuple[tuple[str, StudyDirection, str], ...]:
+        """Name, direction and label of each number that is to be good."""
+        return (_SPEED,) if self is Objective.SPEED else (_SPEED, _COST)
+
+    @property
+    def directions(self) -> list[StudyDirection]:
+        """What is good in each part, as Optuna says it."""
+        return [direction for _, direction, _ in self.parts]
+
+
+@dataclass(frozen=True)
+class Policy:
+    """How often a candidate is swum.
+
+    Attributes:
+        repeats: Swims with a score that a candidate needs; its score is their mean.
+        attempts: FAILED trials after which a candidate is given up and the study goes on; INTERRUPTED ones don't count.
+    """
+
+    repeats: int = 1
+    attempts: int = 2
+
+    def __post_init__(self) -> None:
+        checks.whole_number("repeats", self.repeats, 1)
+        checks.whole_number("attempts", self.attempts, 1)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What must not change while a study goes on.
+
+    Attributes:
+        space: What is searched.
+        policy: How often a candidate is swum.
+        details: All else that decides the candidates and their scores, by name: search, seed, gait, window.
+        objective: What is looked for.
+    """
+
+    space: Space
+    policy: Policy = field(default_factory=Policy)
+    details: Mapping[str, object] = field(default_factory=dict)
+    objective: Objective = Objective.SPEED
+
+    def flat(self) -> dict[str, object]:
+        """Return every setting by a name that a reader knows."""
+        bounds = {f"range of {d.name}": f"[{d.minimum!r}, {d.maximum!r}] {d.unit}" for d in self.space.dimensions}
+        return {**bounds, **asdict(self.policy), "objective": str(self.objective), **self.details}
+
+    def differences(self, other: Settings) -> list[str]:
+        """Return a text for each setting that differs, its value here first; an older version may leave some out."""
+        own = self.flat()
+        return differing(own, {n: value for n, value in other.flat().items() if n in own or n not in _ADDED})
+
+    def fin_of(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """Return the fin of a candidate as a plant's parameters, as far as the settings tell it.
+
+        Where the length varies the area stays, so a longer fin is less high. A study of an older version does not tell
+        the area; then the heights are left out.
+        """
+        fin: dict[str, Any] = {n: v for n, v in self.details.items() if n.startswith("fin.") and n != AREA}
+        fin |= values
+        if "fin.length" not in values:
+            return fin
+        if AREA in self.details:
+            return scaled_to_area(fin, cast("float", self.details[AREA]))
+        return {name: value for name, value in fin.items() if "height" not in name}
+
+    def to_json(self) -> str:
+        """Return the text of ``study.json``, which is another one for each study."""
+        content = {
+            "format": FORMAT,
+            "space": [asdict(dimension) for dimension in self.space.dimensions],
+            "policy": asdict(self.policy),
+            "objective": self.objective,
+            "details": dict(self.details),
+            "id": uuid.uuid4().hex,
+        }
+        body = json.dumps(content, indent=2, allow_nan=False).removesuffix("\n}")
+        return f'{body},\n  "{CHECK_SUM}": "{check_sum(body.encode())}"\n}}\n'
+
+    @classmethod
+    def from_json(cls, text: str) -> Settings:
+        """Read the text of ``study.json``.
+
+        Raises:
+            StudyError: It was written by a newer version, is not a study's, or was changed since.
+        """
+        try:
+            content = cast("Any", json_file.parse(text))
+            _check_format(content["format"])
+            _check_unchanged(text, content)
+            space = Space(tuple(Dimension(**dimension) for dimension in content["space"]))
+            return cls(space, Policy(**content["policy"]), content["details"], Objective(content["objective"]))
+        except StudyError:
+            raise
+        except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
+            msg = f"it is no study's settings ({type(error).__name__}: {error}); restore it or begin another folder"
+            raise StudyError(msg) from error
+
+
+def differing(there: Mapping[str, object], here: Mapping[str, object]) -> list[str]:
+    """Return a text for each value that differs: ``there`` in the study, and ``here``."""
+    return [
+        f"{name} is {there.get(name, 'not set')!s} there and {here.get(name, 'not set')!s} here"
+        for name in {**there, **here}
+        if there.get(name) != here.get(name)
+    ]
+
+
+def _check_format(version: int) -> None:
+    if version > FORMAT:
+        msg = f"its format {version} is newer than the {FORMAT} that this version knows: update fin_optimizer"
+        raise StudyError(msg)
+
+
+def _check_unchanged(text: str, content: Mapping[str, object]) -> None:
+    """Compare the settings file with its check sum, which one of an older version does not have.
+
+    Raises:
+        StudyError: It was changed after it was written.
+    """
+    found = _SETTINGS_SUM.search(text)
+    if found is not None and found[1] == check_sum(text[: found.start()].encode()):
+        return
+    if found is not None or content.keys() != set(_CONTENT):
+        msg = "it was changed after it was written, its check sum does not fit: restore it from a copy"
+        raise StudyError(msg)
+
+
+def read_settings(folder: Path) -> Settings:
+    """Return the settings of the study in a folder; nothing is changed.
+
+    Raises:
+        StudyError: There is no study, it was damaged, or this version cannot read it.
+    """
+    return settings_and_sum(folder)[0]
+
+
+def settings_and_sum(folder: Path) -> tuple[Settings, str]:
+    """Return a study's settings and the check sum of their file; raises as `read_settings`."""
+    try:
+        text = (folder / SETTINGS_FILE).read_text(encoding="utf-8")
+        return Settings.from_json(text), check_sum(text.encode())
+    except (FileNotFoundError, NotADirectoryError):
+        msg = f"{folder} holds no study: {SETTINGS_FILE} is missing"
+        raise StudyError(msg) from None
+    except UnicodeDecodeError as error:
+        msg = f"{folder / SETTINGS_FILE} is damaged ({error}): restore it from a copy"
+        raise StudyError(msg) from error
+    except StudyError as error:
+        msg = f"{folder / SETTINGS_FILE}: {error}"
+        raise StudyError(msg) from error
+
+
+def begun_already(folder: Path) -> StudyError:
+    """Return the error of beginning a study where there is one."""
+    return StudyError(f"{folder} holds a study already: open it to go on with it, or choose another folder")
+
+
+def written_settings(folder: Path, settings: Settings) -> TextIO:
+    """Write the settings file, which must be new, and return it, locked: it appears whole and locked, or not at all.
+
+    Raises:
+        StudyError: Another process was quicker; its file is as it was.
+        OSError: The folder cannot be written.
+    """
+    final, partial = folder / SETTINGS_FILE, folder / f"{SETTINGS_FILE}.{uuid.uuid4().hex}{PARTIAL}"
+    with contextlib.ExitStack() as unless_all_is_well:
+        file = unless_all_is_well.enter_context(partial.open("x", encoding="utf-8"))
+        unless_all_is_well.callback(partial.unlink)
+        _lock(file, folder)
+        _write_through(file, settings.to_json())
+        try:
+            os.link(partial, final)
+        except FileExistsError:
+            raise begun_already(folder) from None
+        except OSError as error:
+            if error.errno not in _NO_HARD_LINKS:
+                raise
+            return _written_in_place(final, settings)
+        unless_all_is_well.pop_all()
+    partial.unlink()
+    return file
+
+
+def _written_in_place(final: Path, settings: Settings) -> TextIO:
+    """Do the same on a stick or a share without hard links; a kill meanwhile leaves a file that `open` refuses."""
+    with contextlib.ExitStack() as unless_all_is_well:
+        try:
+            file = unless_all_is_well.enter_context(final.open("x", encoding="utf-8"))
+        except FileExistsError:
+            raise begun_already(final.parent) from None
+        unless_all_is_well.callback(final.unlink)
+        _lock(file, final.parent)
+        _write_through(file, settings.to_json())
+        unless_all_is_well.pop_all()
+    return file
+
+
+def _write_through(file: TextIO, text: str) -> None:
+    file.write(text)
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def locked(folder: Path) -> TextIO:
+    """Return the settings file, locked for this process until it is closed or the process ends."""
+    file = (folder / SETTINGS_FILE).open(encoding="utf-8")
+    try:
+        _lock(file, folder)
+    except StudyError:
+        file.close()
+        raise
+    return file
+
+
+def _lock(file: TextIO, folder: Path) -> None:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        msg = f"another optimiser is working on {folder}: stop it first, or choose another folder"
+        raise StudyError(msg) from None

@@ -1,0 +1,72 @@
+"""How values are shown: in the units and words of a laboratory."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fin_plant.fin import FIN_PARAMETERS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    Curve = tuple[Sequence[float], Sequence[float]]
+    """Values of the parameter in SI units, and the speed in m/s at each."""
+
+
+MODULUS = "fin.young_modulus"
+
+
+# Symbol or word, factor to SI and unit in which a laboratory speaks of a parameter.
+_SHOWN_AS = {
+    MODULUS: ("E", 1e9, "GPa"),
+    "fin.length": ("length", 1e-2, "cm"),
+    "fin.height": ("height", 1e-2, "cm"),
+    "fin.tip_height": ("tip height", 1e-2, "cm"),
+    "fin.thickness": ("thickness", 1e-3, "mm"),
+    "fin.profile_height": ("profile", 1e-2, "cm"),
+}
+
+
+CM = 1e-2
+
+
+def trial_name(number: int) -> str:
+    """Return what people call a trial everywhere, by its number from 0 as in its bag's name: ``trial 0007``."""
+    return f"trial {number:04d}"
+
+
+def show_values(values: Mapping[str, float]) -> str:
+    """Return a candidate in a laboratory's units, for example ``E 1.234 GPa``."""
+    shown = []
+    for name, value in values.items():
+        word, factor, unit = _SHOWN_AS.get(name, (name, 1.0, ""))
+        shown.append(f"{word} {value / factor:.4g} {unit}".rstrip())
+    return ", ".join(shown)
+
+
+def in_words(name: str) -> tuple[str, float, str]:
+    """Return what people call a parameter of a fin, the factor from SI to the unit in which it is told, and that."""
+    return _SHOWN_AS.get(name, (name, 1.0, _si_unit(name)))
+
+
+def show_number(value: object, factor: float = 1.0) -> str:
+    """Return a value in its unit with four digits; several, like a profile's heights, joined by dashes."""
+    if isinstance(value, list | tuple):
+        return "-".join(show_number(each, factor) for each in value)
+    return f"{value / factor:#.4g}" if isinstance(value, float) else str(value)
+
+
+def show_speed(speed: float) -> str:
+    """Return a speed given in m/s as cm/s with four digits, for example ``2.661 cm/s``."""
+    return f"{speed / CM:#.4g} cm/s"
+
+
+def with_unit(name: str) -> str:
+    """Return a parameter's name with its SI unit, for the head of a table that programs read."""
+    unit = _si_unit(name)
+    return f"{name} [{unit}]" if unit else name
+
+
+def _si_unit(name: str) -> str:
+    """Return the SI unit of a parameter of a fin; empty for one without, or another name."""
+    return FIN_PARAMETERS[name].unit if name in FIN_PARAMETERS else ""

@@ -1,0 +1,63 @@
+"""A study as the version of November 2026 wrote it is read, scored and gone on with; see tests/data/README.md."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+
+from fin_optimizer.commands import score_bag, show_study
+from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
+from fin_optimizer.plan import Plan
+from fin_optimizer.study.study import Study, read_trials
+from support.source_tree import SOURCE
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+WRITTEN = SOURCE.parents[1] / "tests/data/study_2026_11"
+SETTINGS = {
+    "seed": 7,
+    "measurement.duration": 2.0,
+    "measurement.settle": 1.0,
+    "search.algorithm": "genetic",
+    "search.population": 4,
+}
+# What that version said of it, and went on with.
+SCORES = [0.011552786765026728, 0.015052035772768861, 0.013744540543574484]
+NEXT = 3540888001.725824
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    return shutil.copytree(WRITTEN, tmp_path / "study")
+
+
+def test_its_trials_are_read(study: Path) -> None:
+    trials = read_trials(study)
+    assert [trial.score for trial in trials] == SCORES
+    assert [trial.bag for trial in trials] == [
+        "bags/trial_0000_E3.293GPa",
+        "bags/trial_0001_E0.6858GPa",
+        "bags/trial_0002_E2.57GPa",
+    ]
+
+
+def test_its_bags_give_its_scores(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert score_bag.main([str(study)]) == 0
+    said = capsys.readouterr()
+    assert [float(line.split()[0]) for line in said.out.splitlines()] == SCORES
+    assert said.err == ""
+
+
+def test_it_is_gone_on_with(study: Path) -> None:
+    plan = Plan(OPTIMIZER_PARAMETERS.checked({**SETTINGS, "study_folder": str(study)}))
+    with Study.open(study, plan.settings) as opened:
+        assert opened.notes == []
+        assert opened.next_candidate(plan.search) == (3, {"fin.young_modulus": NEXT})
+
+
+def test_it_is_shown(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert show_study.main([str(study)]) == 0
+    assert "0.6858 GPa" in capsys.readouterr().out
