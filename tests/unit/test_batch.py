@@ -12,18 +12,26 @@ from hypothesis import strategies as st
 
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive, carangiform
-from fin_sim import dynamics, lane_kernel
-from fin_sim.batch import (
-    _FIGURES,
-    Status,
-    _lane_figures,
-    _lane_links,
-    _links,
-    _task,
-    fin_columns,
-    swim_batch,
-    window_weights,
+from fin_sim import dynamics
+from fin_sim.batch import Status, kernel, swim_batch
+from fin_sim.batch.columns import fin_columns
+from fin_sim.batch.equations import (
+    DOUBLE,
+    SINGLE,
+    Drive,
+    Hinge,
+    LaneBody,
+    LaneLink,
+    resistive_wrench,
+    respond,
+    sine_cosine,
+    slip_angle,
 )
+from fin_sim.batch.lanes import lane_figures
+from fin_sim.batch.links import lane_constants, link_columns
+from fin_sim.batch.result import FIGURES
+from fin_sim.batch.task import checked_task
+from fin_sim.batch.window import window_weights
 from fin_sim.chain import (
     DAMPING,
     FIRST_PIECE,
@@ -43,18 +51,6 @@ from fin_sim.chain import (
     build_chain,
 )
 from fin_sim.fish import Fish, Link
-from fin_sim.lane_equations import (
-    DOUBLE,
-    SINGLE,
-    Drive,
-    Hinge,
-    LaneBody,
-    LaneLink,
-    resistive_wrench,
-    respond,
-    sine_cosine,
-    slip_angle,
-)
 from fin_sim.swim import PAPER_FISH, swim
 
 if TYPE_CHECKING:
@@ -159,11 +155,11 @@ class ReferenceStepper:
 
     def advance(self, index: int) -> None:
         """Take step ``index``."""
-        reach = lane_kernel.HINGE_REACH * self.step
-        history, ahead = np.array(lane_kernel.HINGE_HISTORY), np.array(lane_kernel.EXTRAPOLATION)
+        reach = kernel.HINGE_REACH * self.step
+        history, ahead = np.array(kernel.HINGE_HISTORY), np.array(kernel.EXTRAPOLATION)
         angle, rate = history @ self.angles, history @ self.rates
         state, drive = np.zeros(6 + 2 * self.links), np.zeros((self.links, 3))
-        state[3:6] = self.velocity + self.step * np.array(lane_kernel.PREDICTOR) @ self.slopes
+        state[3:6] = self.velocity + self.step * np.array(kernel.PREDICTOR) @ self.slopes
         state[6 + self.driven : 6 + self.links] = ahead @ self.angles
         rates = ahead @ self.rates
         state[6 + self.links + self.driven :] = np.where(rates == 0.0, 1e-150, rates)
@@ -175,7 +171,7 @@ class ReferenceStepper:
         compliance = self.stiffness * reach**2 + self.damping * reach
         bend = np.linalg.solve(np.eye(count) + share[3:] * compliance, alone[3:] + share[3:] @ torque)
         body = (alone + share @ (torque - compliance * bend))[:3]
-        corrector = np.array(lane_kernel.CORRECTOR)
+        corrector = np.array(kernel.CORRECTOR)
         self.velocity = self.velocity + self.step * (corrector[0] * body + corrector[1:] @ self.slopes)
         self.slopes = np.vstack((body, self.slopes[:-1]))
         new_rate = rate + reach * bend
@@ -195,8 +191,8 @@ def test_a_swim_in_lanes_is_the_same_method_with_the_general_kernel(reactive: Re
     for index in range(steps):
         reference.advance(index)
         surge.append(reference.velocity[0])
-    task = _task(fish, gait, duration, reactive, "free", 0.0, 0.5, 0.0, duration / steps, "double")
-    swum = _lane_figures(task, fin_columns([fin]))[0, _FIGURES.index("mean_forward_speed")]
+    task = checked_task(fish, gait, duration, reactive, "free", 0.0, 0.5, 0.0, duration / steps, "double")
+    swum = lane_figures(task, fin_columns([fin]))[0, FIGURES.index("mean_forward_speed")]
     assert swum == pytest.approx(window_weights(steps + 1, 0.0)[1:] @ surge, rel=1e-9)
 
 
@@ -210,13 +206,13 @@ def test_means_over_a_window_are_exact_for_a_cubic_wherever_it_begins(samples: i
 def test_columns_of_links_are_those_of_single_fins() -> None:
     for hinges in ("between", "midpoint"):
         fins = [Fin(young_modulus=e, tip_height=tip, hinges=hinges) for e in (1e8, 3e9) for tip in (0.0, 0.04)]
-        links = _links(SWIMMER, fin_columns(fins))
-        columns = _lane_links(links, SWIMMER.water)
+        links = link_columns(SWIMMER, fin_columns(fins))
+        columns = lane_constants(links, SWIMMER.water)
         for row, fin in enumerate(fins):
             chain = build_chain(SWIMMER, fin)
             for index, expected in enumerate(lane_links(chain)):
-                got = [float(columns[name][row, index]) for name in lane_kernel.LINK_FIELDS]
-                assert got == pytest.approx([getattr(expected, name) for name in lane_kernel.LINK_FIELDS], rel=1e-12)
+                got = [float(columns[name][row, index]) for name in kernel.LINK_FIELDS]
+                assert got == pytest.approx([getattr(expected, name) for name in kernel.LINK_FIELDS], rel=1e-12)
             table = chain.link_table()[SWIMMER.driven_joints :]
             assert links["stiffness"][row, SWIMMER.driven_joints :] == pytest.approx(table[:, STIFFNESS], rel=1e-12)
             assert links["damping"][row, SWIMMER.driven_joints :] == pytest.approx(table[:, DAMPING], rel=1e-12)

@@ -15,7 +15,11 @@ from fin_plant import validity
 from fin_plant.fin import Fin, ProfiledFin
 from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive
 from fin_sim import dynamics
-from fin_sim.batch import TOLERANCES, BatchSwim, Status, _floors, _proven, _task, fin_columns, swim_batch
+from fin_sim.batch import TOLERANCES, BatchSwim, Status, swim_batch
+from fin_sim.batch.columns import fin_columns
+from fin_sim.batch.proven import proven_fins
+from fin_sim.batch.task import checked_task
+from fin_sim.batch.tolerances import error_floors
 from fin_sim.chain import build_chain
 from fin_sim.swim import PAPER_FISH
 from fin_sim.swim import swim as swim_alone
@@ -76,7 +80,7 @@ def true_figures(swim: RandomSwim) -> Array:
 
 def error(swim: RandomSwim, swum: BatchSwim) -> float:
     """Return the largest error of a swim of the batch over its tolerance."""
-    task = _task(
+    task = checked_task(
         PAPER_FISH,
         swim.gait,
         swim.duration,
@@ -90,7 +94,9 @@ def error(swim: RandomSwim, swum: BatchSwim) -> float:
     )
     true = true_figures(swim)
     got = np.array([getattr(swum, name)[0] for name in TOLERANCES])
-    scale = np.array(list(TOLERANCES.values())) * np.maximum(np.abs(true), _floors(task, fin_columns([swim.fin]))[0])
+    scale = np.array(list(TOLERANCES.values())) * np.maximum(
+        np.abs(true), error_floors(task, fin_columns([swim.fin]))[0]
+    )
     off = np.abs(got - true)
     return float(np.divide(off, scale, out=np.zeros_like(off), where=off > 0.0).max())
 
@@ -163,8 +169,8 @@ def test_proven_fins_are_right_without_a_second_swim(clamp: str) -> None:
     fins = [Fin(young_modulus=e, tip_height=tip) for e, tip in ((3e8, 0.025), (1.2e9, 0.05), (4e9, 0.025))]
     for fin in fins:
         swim = RandomSwim(fin, PAPER_GAIT, 10.0, 0.5, 0.0, clamp, "distributed")  # type: ignore[arg-type]
-        task = _task(PAPER_FISH, PAPER_GAIT, 10.0, "distributed", clamp, 0.0, 0.5, 0.0, None, "double")
-        assert _proven(task, fin_columns([fin])).all()
+        task = checked_task(PAPER_FISH, PAPER_GAIT, 10.0, "distributed", clamp, 0.0, 0.5, 0.0, None, "double")
+        assert proven_fins(task, fin_columns([fin])).all()
         assert error(swim, in_batch(swim)) < 1.0
 
 

@@ -26,8 +26,9 @@ from fin_bringup.throughput import Throughput, throughput
 from fin_plant import checks
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, GaitFollower
-from fin_sim import dynamics, lane_kernel, swim, swim_batch
+from fin_sim import dynamics, swim, swim_batch
 from fin_sim.batch import LONGEST_LANE_CHAIN
+from fin_sim.batch.kernel import Form, generate
 from fin_sim.chain import build_chain
 from fin_sim.compiled import kernel
 from fin_sim.swim import PAPER_FISH, RAMP_TIME
@@ -198,8 +199,8 @@ def others(sizes: Sizes) -> dict[str, dict[str, float]]:
 
 def operations() -> dict[str, float]:
     """Return what a step of one paper fish costs in floating-point operations, by kind."""
-    form = lane_kernel.Form(1, 3, free=True, distributed=False, tapered=False)
-    return {kind: float(number) for kind, number in lane_kernel.generate(form).operations.items()}
+    form = Form(1, 3, free=True, distributed=False, tapered=False)
+    return {kind: float(number) for kind, number in generate(form).operations.items()}
 
 
 @kernel

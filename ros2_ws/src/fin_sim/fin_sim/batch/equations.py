@@ -1,6 +1,6 @@
 """The equations of `dynamics` for many fish side by side, written for the fewest operations, and one step in time.
 
-Every function here works on plain floats and on the recording numbers of `tracing`, from which `lane_kernel` makes
+Every function here works on plain floats and on the recording numbers of `tracing`, from which `kernel` makes
 code. The physics is that of `dynamics.evaluate`, in three ways cheaper:
 
 * Each link is treated in its own axes, forward along the link (e) and normal to it (n). Its virtual mass then acts
@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fin_sim.tracing import Real, absolute, floor, select, square_root
+from fin_sim.batch.tracing import Real, absolute, floor, select, square_root
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -1,0 +1,23 @@
+"""Many swims at once: the figures of one swim for each of many fins, on all cores.
+
+* `swim_batch`: divides the fins among threads. Up to `LONGEST_LANE_CHAIN` links they swim side by side (`lanes`);
+  longer chains, fins with a profile, and fins with too little damping for the lanes' long steps, each swim by the
+  general kernel of `fin_sim.dynamics` (`general_kernel`).
+* `columns`: fins as columns. `links`: what they are as links. `task`: what all fins share.
+* `equations`, `tracing`, `kernel`: the equations of one fish, recorded and made into code whose vector registers
+  hold a fish in each lane.
+* `window`: means over the end of a swim. `result`: what comes out.
+
+Every figure is right to `TOLERANCES`, or its swim has none and says so. Near the paper's gait and fins (`proven`) one
+step length is known to be short enough. Everywhere else a fin swims again at half the step, and at a quarter, until
+the results have settled (`tolerances`); where they have not, the general kernel takes over, which halves its own step
+likewise. A fin whose results never settle, such as one that whips chaotically, is `Status.NOT_CONVERGED`.
+"""
+
+from fin_sim.batch.columns import FinColumns
+from fin_sim.batch.result import BatchSwim, Status
+from fin_sim.batch.swim_batch import LONGEST_LANE_CHAIN, swim_batch
+from fin_sim.batch.task import Precision
+from fin_sim.batch.tolerances import TOLERANCES
+
+__all__ = ["LONGEST_LANE_CHAIN", "TOLERANCES", "BatchSwim", "FinColumns", "Precision", "Status", "swim_batch"]

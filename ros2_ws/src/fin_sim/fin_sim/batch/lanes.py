@@ -1,0 +1,118 @@
+"""Swims side by side in the lanes of generated code, again at shorter steps where that is needed."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fin_plant.fin import Fin
+from fin_plant.gait import GaitFollower
+from fin_sim.batch.kernel import HINGE_REACH, Form, generate
+from fin_sim.batch.links import lane_constants, link_columns
+from fin_sim.batch.proven import PROVEN_ANGLE
+from fin_sim.batch.result import FIGURES, LARGEST_ANGLE
+from fin_sim.batch.tolerances import difference, error_floors, settled
+from fin_sim.batch.window import window_weights
+from fin_sim.chain import build_chain
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from fin_sim.batch.task import Task
+
+_HALVINGS = 2
+
+
+@lru_cache(maxsize=8)  # a search swims batch after batch with the same gait
+def _shared(task: Task) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Return what a lane kernel needs to know of each step, flat (steps, columns), and of all steps, (``UNIFORM``,)."""
+    follower = GaitFollower(task.fish.driven_joints, task.ramp_time, as_asked=True)
+    follower.command(task.gait, 0.0)
+    motion = follower.motion(np.linspace(task.step, task.duration, task.steps))
+    window = window_weights(task.steps + 1, task.settle / task.step)[1:]
+    path = task.duration * window_weights(task.steps + 1, 0.0)[1:]
+    angle, rate, acceleration = np.moveaxis(motion, 2, 0)
+    drives = np.stack((np.sin(angle), np.cos(angle), rate, acceleration), axis=2)
+    real = np.float64 if task.precision == "double" else np.float32
+    table = np.column_stack((window, path, drives.reshape(task.steps, -1)))
+    body = build_chain(task.fish, Fin()).body_vector()
+    uniform = np.array([*body, task.step, task.body_speed])
+    return np.asarray(table, dtype=real).ravel(), np.asarray(uniform, dtype=real)
+
+
+def lane_figures(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
+    """Return the figures of one block of fins of equal segments and hinges, shape (n, figures)."""
+    links = link_columns(task.fish, fins)
+    count, size = links["length"].shape
+    driven = task.fish.driven_joints
+    form = Form(
+        driven,
+        size,
+        task.clamp == "free",
+        task.reactive == "distributed",
+        bool(np.any(links["root_height"] != links["tip_height"])),
+        task.precision,
+    )
+    kernel = generate(form)
+    reach = HINGE_REACH * task.step
+    constants = lane_constants(links, task.fish.water)
+    constants |= {name: links[name] for name in ("stiffness", "damping")}
+    constants["compliance"] = reach * (reach * links["stiffness"] + links["damping"])
+    columns = [constants[name.rpartition("_")[0]][:, int(name.rpartition("_")[2])] for name in kernel.parameters]
+    real = np.float64 if task.precision == "double" else np.float32
+    chunks = -(-count // form.lanes)
+    padded = np.minimum(np.arange(chunks * form.lanes), count - 1)
+    parameters = np.array(columns, dtype=real)[:, padded].reshape(len(columns), chunks, form.lanes)
+    results = np.empty(chunks * len(kernel.results) * form.lanes, dtype=real)
+    table, uniform = _shared(task)
+    kernel.advance(
+        np.ascontiguousarray(parameters.swapaxes(0, 1)).ravel(), table, uniform, results, 0, chunks, task.steps
+    )
+    by_fish = results.reshape(chunks, -1, form.lanes).swapaxes(0, 1).reshape(-1, chunks * form.lanes)[:, :count]
+    return _figures(task, dict(zip(kernel.results, by_fish.astype(float), strict=True)))
+
+
+def _figures(task: Task, left: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the columns of ``FIGURES`` from what a lane kernel left, shape (n, figures)."""
+    nothing = np.zeros_like(left["thrust_sum"])
+    speed, sound = task.body_speed, nothing
+    for value in left.values():
+        sound = sound + 0.0 * value  # NaN where anything is not finite
+    x = left.get("x_sum", nothing + speed * task.duration)
+    y = left.get("y_sum", nothing)
+    columns = {
+        "mean_speed": np.hypot(x, y) / task.duration,
+        "mean_forward_speed": left.get("surge_sum", nothing + speed),
+        "thrust": left["thrust_sum"],
+        "servo_power": left["power_sum"],
+        "x": x,
+        "y": y,
+        "heading": left.get("heading", nothing),
+        "largest_hinge_angle": left.get("largest_angle", nothing),
+    }
+    return np.column_stack([columns[name] + sound for name in FIGURES])
+
+
+def swim_in_lanes(
+    task: Task, fins: Mapping[str, NDArray[np.generic]], proven: bool
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the figures of one block of fins, shape (n, figures), and which of them are right, shape (n,)."""
+    figures = lane_figures(task, fins)
+    if proven:
+        return figures, figures[:, LARGEST_ANGLE] <= PROVEN_ANGLE
+    floors = error_floors(task, fins)
+    right = np.zeros(len(figures), dtype=bool)
+    before = np.full(len(figures), np.inf)
+    for halving in range(1, _HALVINGS + 1):
+        rest = np.flatnonzero(~right)
+        finer = lane_figures(task.refined(2**halving), {name: column[rest] for name, column in fins.items()})
+        last = difference(figures[rest], finer, floors[rest])
+        right[rest] = settled(last, before[rest])
+        figures[rest], before[rest] = finer, last
+        if right.all():
+            break
+    return figures, right

@@ -1,0 +1,70 @@
+"""From columns of fins to columns of links: what `chain.build_chain` does for one fin, for many at once."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from fin_sim.batch.columns import NAMES
+from fin_sim.batch.equations import LaneLink
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from fin_sim.fish import Fish, Water
+
+
+def link_columns(fish: Fish, fins: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.float64]]:
+    """Return the links of fins of equal segments and hinges, by attribute of `Link`, each of shape (n, links)."""
+    count = len(fins["length"])
+    number = {name: fins[name].astype(float)[:, None] for name in NAMES if name != "hinges"}
+    segments = int(fins["segments"][0])
+    inner = np.arange(1, segments) if fins["hinges"][0] == "between" else np.arange(segments) + 0.5
+    at = np.concatenate(([0.0], inner / segments, [1.0]))
+    heights = number["height"] * (1.0 - at) + number["tip_height"] * at
+    segment = number["length"] / segments
+    stiffness = number["young_modulus"] * heights[:, :-1] * number["thickness"] ** 3 / (12.0 * segment)
+    tail = {
+        "length": number["length"] * np.diff(at),
+        "root_height": heights[:, :-1],
+        "tip_height": heights[:, 1:],
+        "mass_per_area": np.broadcast_to(number["density"] * number["thickness"], (count, len(at) - 1)),
+        "stiffness": stiffness,
+        "damping": stiffness * number["damping_time"],
+    }
+    return {
+        name: np.hstack((np.tile([getattr(link, name) for link in fish.peduncle], (count, 1)), column))
+        for name, column in tail.items()
+    }
+
+
+def lane_constants(links: Mapping[str, NDArray[np.float64]], water: Water) -> dict[str, NDArray[np.float64]]:
+    """Return the constants of `LaneLink`, each of shape (n, links); moments of linear heights in closed form."""
+    length, root, tip = links["length"], links["root_height"], links["tip_height"]
+    change = tip - root
+    virtual = 0.25 * np.pi * water.density
+    virtual_moments = [
+        virtual * length ** (p + 1) * (root**2 / (p + 1) + 2.0 * root * change / (p + 2) + change**2 / (p + 3))
+        for p in range(3)
+    ]
+    solid_moments = [links["mass_per_area"] * length ** (p + 1) * (root / (p + 1) + change / (p + 2)) for p in range(3)]
+    resistive = -0.5 * water.density * water.normal_drag
+    normal = [v + s for v, s in zip(virtual_moments, solid_moments, strict=True)]
+    constants = LaneLink(
+        length=length,  # type: ignore[arg-type]  # columns here, numbers in the traced equations
+        along_mass=solid_moments[0],  # type: ignore[arg-type]
+        normal_mass=normal[0],  # type: ignore[arg-type]
+        normal_first=normal[1],  # type: ignore[arg-type]
+        normal_second=normal[2],  # type: ignore[arg-type]
+        virtual_mass=virtual_moments[0],  # type: ignore[arg-type]
+        virtual_first=virtual_moments[1],  # type: ignore[arg-type]
+        tip_virtual=virtual * tip**2,  # type: ignore[arg-type]
+        resistive_force=resistive * root * length / 3.0,  # type: ignore[arg-type]
+        resistive_moment=resistive * root * length**2 / 12.0,  # type: ignore[arg-type]
+        taper_force=resistive * change * length / 12.0,  # type: ignore[arg-type]
+        taper_moment=resistive * change * length**2 / 30.0,  # type: ignore[arg-type]
+    )
+    return cast("dict[str, NDArray[np.float64]]", vars(constants))

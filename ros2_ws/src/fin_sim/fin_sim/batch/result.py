@@ -1,0 +1,94 @@
+"""What a batch of swims gives: a status and the figures of each fin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from enum import IntEnum
+from typing import TYPE_CHECKING
+
+from fin_plant import validity
+from fin_sim.batch.columns import fin_at
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+class Status(IntEnum):
+    """How a swim of the batch ended."""
+
+    OK = 0
+    REFUSED = 1
+    DIVERGED = 2
+    NOT_CONVERGED = 3
+    FOLDED = 4
+
+
+_REASONS = {
+    Status.DIVERGED: (
+        "the state stopped being finite at every step tried: use a slower or smaller gait, or a stiffer fin"
+    ),
+    Status.NOT_CONVERGED: (
+        "swims at ever shorter steps do not settle on one result: the fin whips, flutters, or is far too stiff for its "
+        "mass; use a slower or smaller gait, or more damping"
+    ),
+}
+
+
+@dataclass(frozen=True)
+class BatchSwim:
+    """Figures of n swims; NaN where the status is not OK.
+
+    Attributes:
+        fins: The fins' attributes by name, each of shape (n,).
+        status: `Status`, shape (n,).
+        mean_speed: Distance from start to end over the duration, m/s, shape (n,): the papers' mean speed.
+        mean_forward_speed: Mean over the window of the forward velocity, m/s, shape (n,).
+        thrust: Mean over the window of the forward force of the water on the tail less its inertial reaction, which
+            has no mean over whole beats, N, shape (n,).
+        servo_power: Mean over the window of the servos' mechanical power, W, shape (n,).
+        x: Where the swim ended, m, shape (n,).
+        y: Where the swim ended, m, shape (n,).
+        heading: At the end, rad, shape (n,).
+        largest_hinge_angle: Of any hinge at any time of the swim, rad, shape (n,); also of a fin that is ``FOLDED``.
+            Above `validity.BENT_ANGLE` the figures are doubtful.
+    """
+
+    fins: dict[str, NDArray[np.generic]]
+    status: NDArray[np.int8]
+    mean_speed: NDArray[np.float64]
+    mean_forward_speed: NDArray[np.float64]
+    thrust: NDArray[np.float64]
+    servo_power: NDArray[np.float64]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    heading: NDArray[np.float64]
+    largest_hinge_angle: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    def reason(self, index: int) -> str:
+        """Return why a swim has no result; empty if it has one."""
+        status = Status(self.status[index])
+        if status == Status.REFUSED:
+            try:
+                fin_at(self.fins, index)
+            except ValueError as error:
+                return str(error)
+            return "the fin and the fish's peduncle together have more links than a chain can have: use fewer segments"
+        if status == Status.FOLDED:
+            return validity.folded(float(self.largest_hinge_angle[index]))
+        return _REASONS.get(status, "")
+
+    def warnings(self, index: int) -> list[str]:
+        """Return what is doubtful in a swim that has a result; see `validity`."""
+        if self.status[index] != Status.OK:
+            return []
+        return validity.warnings(fin_at(self.fins, index), float(self.largest_hinge_angle[index]))
+
+
+FIGURES = tuple(item.name for item in fields(BatchSwim) if item.name not in {"fins", "status"})
+
+
+LARGEST_ANGLE = FIGURES.index("largest_hinge_angle")
