@@ -90,6 +90,16 @@ def test_without_python_and_without_ros_it_says_what_is_missing_and_how_to_get_i
     assert not (root / ".venv").exists()
 
 
+def test_without_flock_it_says_so_and_how_to_get_it(tmp_path: Path) -> None:
+    root, environment = copy_of_scripts(tmp_path, [tool for tool in TOOLS if tool != "flock"])
+    result = set_up(root, environment)
+    assert result.returncode == 1
+    assert result.stderr == (
+        "setup: error: the command flock is missing\nsetup: error: to get it: sudo apt install util-linux\n"
+    )
+    assert not (root / ".venv").exists()
+
+
 def test_a_python_that_does_not_start_is_no_python(tmp_path: Path) -> None:
     root, environment = copy_of_scripts(tmp_path)
     shim = Path(environment["PATH"]) / "python3.12"
