@@ -215,7 +215,7 @@ def test_deactivating_leads_to_neutral_and_then_no_pulse(
     client.make_ready()
     swim_a_little(client, port)
     assert client.change_state(DEACTIVATE)
-    assert not pulses(port)
+    client.wait_until(lambda: not pulses(port), "silence")  # the frame may be on its way to the board
     assert recorder(port).widths[-1] == 1500.0
     sent = len(recorder(port).widths)
     client.spin(1.0)  # the gait is still repeated
@@ -445,7 +445,9 @@ def test_a_killed_driver_leaves_an_arduino_pulsing(driver: StartedProcess, clien
     client.make_ready()
     swim_a_little(client, port, 0.0)
     driver.kill()
-    time.sleep(0.3)
+    driver.wait()
+    bytes_left = len(port.received)
+    client.wait_until(lambda: len(port.received) == bytes_left, "the end of what was under way")
     assert pulses(port)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_plant.gait import Gait, JointDrive
+from fin_plant.gait import Gait, GaitFollower, JointDrive
 from fin_servo_driver.relay import HIGHEST_FREQUENCY, LEFT, OFF, RIGHT, RelayMotion, RelaySwitch
 from fin_servo_driver.robot_file import RelayJoint, RelayTiming
 from fin_servo_driver.tail import Command, Phase, Settings, Tail
@@ -108,6 +108,28 @@ def test_the_rules_hold_when_the_ticks_are_late() -> None:
         for part in gaits(frequency, every=11):
             for changes in run_all(part, 3.0, jitter=2.0):
                 check(changes, TIMING, 3 * PERIOD)
+
+
+@pytest.mark.parametrize("frequency", [2.0, 2.5])
+def test_the_robots_relays_are_asked_at_each_tick_for_what_the_simulated_ones_do(
+    frequency: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where amplitude and bias fill a half beat the last digit of a quotient decides at each change of side."""
+    asked: list[int] = []
+    monkeypatch.setattr(RelaySwitch, "step", lambda _, wanted, __: asked.append(wanted))
+    ticks = [PERIOD * number for number in range(200)]
+    joints = [RelayJoint(0, 1, math.radians(12.0)), RelayJoint(2, 3, STROKE)]
+    for part, side in itertools.product((0.1, 0.25, 0.3, 0.75, 1.0), (-1.0, 1.0)):
+        full = [JointDrive(part * j.stroke, frequency, bias=side * (j.stroke - part * j.stroke)) for j in joints]
+        motion, simulated = RelayMotion(joints, TIMING, PERIOD), GaitFollower(2, 0.2)
+        motion.restart(0.2, {})
+        for tail in (motion, simulated):
+            tail.command(Gait(tuple(full)), 0.0)
+        asked.clear()
+        for now in ticks:
+            motion.outputs(now, 1.0)
+        for index, joint in enumerate(joints):
+            assert asked[index::2] == simulated.levels(ticks, joint.stroke)[:, index].tolist(), part
 
 
 @pytest.mark.parametrize("amplitude", [0.3, 0.6, 0.9])

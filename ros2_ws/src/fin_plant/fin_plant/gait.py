@@ -217,7 +217,10 @@ def smooth_step(x: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def three_level(
-    argument: NDArray[np.float64], amplitude: NDArray[np.float64], bias: NDArray[np.float64], limit: float
+    argument: NDArray[np.float64],
+    amplitude: NDArray[np.float64],
+    bias: NDArray[np.float64],
+    limit: float | NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the wave of a tail that knows left (1), off (0) and right (-1) only, as relays drive it.
 
@@ -229,7 +232,7 @@ def three_level(
         argument: The sine's argument 2 pi f t + phase, rad, any shape.
         amplitude: rad, same shape.
         bias: rad, same shape.
-        limit: Angle at which a stroke fills its half beat, rad, above 0.
+        limit: Angle at which a stroke fills its half beat, rad, above 0; one for all, or of each joint.
     """
     sine = np.sin(argument)
     left, right = (np.clip((amplitude + side * bias) / limit, 0.0, 1.0) for side in (1.0, -1.0))
@@ -420,7 +423,9 @@ class GaitFollower:
                 result[:, chosen] = np.angle(beat[0]), np.abs(beat[0]), bias[0]
         return result[0], result[1], result[2]
 
-    def levels(self, times: Sequence[float] | NDArray[np.float64], limit: float) -> NDArray[np.float64]:
+    def levels(
+        self, times: Sequence[float] | NDArray[np.float64], limit: float | NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Return the gait as a `three_level` wave, shape (times, joints); ``limit`` in rad as there."""
         return three_level(*self.waves(times), limit)
 

@@ -1,6 +1,7 @@
 """A tail pulled to either side by relays: which one is on when, and how long. Nothing here knows ROS or a port.
 
-`three_level` says which side is wanted; what its relays stand decides whether it gets it.
+`GaitFollower.levels` says which side is wanted, to simulated relays too; what the relays stand decides whether it gets
+it.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fin_plant.gait import Gait, GaitFollower, three_level
+from fin_plant.gait import Gait, GaitFollower
 from fin_servo_driver.set_points import Outputs, require_rows
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from fin_servo_driver.robot_file import RelayJoint, RelayTiming
 
 LEFT, OFF, RIGHT = 1, 0, -1
-"""As `three_level` has them."""
+"""As `GaitFollower.levels` has them."""
 HIGHEST_FREQUENCY = 5.0
 """Hz. Half a beat is then 100 ms: a dead time of 30 to 50 ms and the shortest on-time of 50 ms still fit in. What a
 robot's relays need beyond that lowers it."""
@@ -149,8 +150,7 @@ class RelayMotion:
 
     def outputs(self, now: float, scale: float) -> Outputs:
         """Return on (1) or off (0) for each relay; a tail that is being stopped has all off."""
-        argument, amplitude, bias = (wave[0] for wave in self._follower.waves([now]))
-        wanted = three_level(argument, amplitude / self._strokes, bias / self._strokes, 1.0)
+        wanted = self._follower.levels([now], self._strokes)[0]
         result: Outputs = {}
         for index, (joint, switch, level) in enumerate(zip(self._joints, self.switches, wanted, strict=True)):
             if scale < 1.0:
