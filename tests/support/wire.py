@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
+import random
+import re
 import time
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
+from fin_servo_driver.line import LineLostError, PortUnavailableError
 from fin_servo_driver.port import FRAMES_WAITING
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fin_servo_driver.clock import Clock
     from fin_servo_driver.emulator.devices import Device
+    from fin_servo_driver.line import DeviceError
 
 _BITS_A_BYTE = 10
-
-
-class Clock(Protocol):
-    """What a line and whoever speaks on it take for the time; the module `time` is one."""
-
-    def monotonic(self) -> float:
-        """Return the time in s."""
-
-    def sleep(self, seconds: float, /) -> None:
-        """Let time pass."""
 
 
 class OwnClock:
@@ -71,7 +66,7 @@ class Wire:
         outputs: Each change of what the device does, with the time at which the byte that made it was through.
     """
 
-    def __init__(self, device: Device, baud: int = 0, clock: Clock = time) -> None:
+    def __init__(self, device: Device | _Distant, baud: int = 0, clock: Clock = time) -> None:
         """Open it; 0 baud carry everything at once."""
         self.device = device
         self.log: list[Written] = []
@@ -159,3 +154,120 @@ class Wire:
 
     def close(self) -> None:
         """Leave it."""
+
+
+class Port:
+    """A port on a clock of its own, which may be pulled out; `open` gives a new `Wire` to the same device each time.
+
+    Attributes:
+        device: At its other end.
+        silent: Whether the device hears nothing and says nothing.
+        drop_rate: Part of the bytes that are lost on the way, each way.
+    """
+
+    def __init__(self, device: Device, clock: Clock, baud: int = 0) -> None:
+        """Plug the device in."""
+        self.device = device
+        self.silent = False
+        self.drop_rate = 0.0
+        self._clock = clock
+        self._baud = baud
+        self._wire: Wire | None = None
+        self._is_there = True
+        self._random = random.Random(1)  # noqa: S311 - the bytes that are lost are the same in each run
+
+    def open(self) -> Wire:
+        """Open it.
+
+        Raises:
+            PortUnavailableError: It is pulled out.
+        """
+        if not self._is_there:
+            msg = "the port is absent"
+            raise PortUnavailableError(msg)
+        self._wire = Wire(_Distant(self), self._baud, self._clock)
+        return self._wire
+
+    def unplug(self, *, powered: bool = False) -> None:
+        """Pull it out; the device loses its power, unless it has its own."""
+        self._is_there = False
+        if self._wire is not None:
+            self._wire.lost = LineLostError("the port is gone")
+        if not powered:
+            self.device.lose_power()
+
+    def plug(self) -> None:
+        """Plug it in again."""
+        self._is_there = True
+
+    def left_of(self, data: bytes) -> bytes:
+        """Return what gets through."""
+        if self.silent:
+            return b""
+        return bytes(byte for byte in data if self._random.random() >= self.drop_rate)
+
+
+class _Distant:
+    """The device as what gets through the port lets it appear."""
+
+    def __init__(self, port: Port) -> None:
+        self._port = port
+
+    @property
+    def outputs(self) -> dict[int, float | None]:
+        """What the device does."""
+        return self._port.device.outputs
+
+    def opened(self, now: float) -> bytes:
+        """Return what it says first."""
+        return self._port.left_of(self._port.device.opened(now))
+
+    def feed(self, data: bytes, now: float) -> bytes:
+        """Let it hear; return what it answers."""
+        heard = self._port.left_of(data)
+        return self._port.left_of(self._port.device.feed(heard, now)) if heard else b""
+
+    def tick(self, now: float) -> None:
+        """Let it notice that time passes."""
+        self._port.device.tick(now)
+
+
+class BrokenLine:
+    """A line that fails as told."""
+
+    def __init__(
+        self, failure: DeviceError | None = None, *, behind: bool = False, sleep: Callable[[float], None] = time.sleep
+    ) -> None:
+        self.failure = failure
+        self.failures_left = 1_000_000
+        self.behind = behind
+        self.sleep = sleep
+        self.written = bytearray()
+        self.closed = False
+        self.waiting = b"\xf9\x02\x05"  # the banner of a board that does nothing but tell its pins
+
+    def write(self, data: bytes) -> None:
+        if self.failure is not None and self.failures_left > 0:
+            self.failures_left -= 1
+            raise self.failure
+        for pin in re.findall(rb"\xf0\x6d(.)\xf7", data, re.DOTALL):
+            self.waiting += b"\xf0\x6e" + pin + b"\xf7"
+        self.written += re.sub(rb"\xf0\x6d.\xf7", b"", data, flags=re.DOTALL)
+
+    def read(self, timeout: float) -> bytes:
+        if not self.waiting:
+            self.sleep(timeout)
+        data, self.waiting = self.waiting, b""
+        return data
+
+    def is_behind(self) -> bool:
+        return self.behind
+
+    def discard(self) -> None:
+        """Nothing waits."""
+
+    def drain(self, timeout: float) -> None:
+        del timeout
+
+    def close(self) -> None:
+        self.closed = True

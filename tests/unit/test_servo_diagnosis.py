@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from fin_servo_driver.diagnosis import ERROR, OK, WARN, describe
-from fin_servo_driver.io_thread import Health
+from fin_servo_driver.health import Health
 from fin_servo_driver.tail import Phase
 
 WELL = Health(phase=Phase.FOLLOWING, identity="a board", ticks=50)

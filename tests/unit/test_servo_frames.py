@@ -110,7 +110,7 @@ def test_the_makers_sdk_on_our_port_sends_the_documented_packets(
     register: tuple[int, int], value: int, documented: str
 ) -> None:
     wire = Wire(status_of_servo_1)
-    port = dynamixel.SdkPort(wire, 57600)
+    port = dynamixel.SdkPort(wire, 57600, time)
     address, length = register
     result, error = Protocol2PacketHandler().writeTxRx(port, 1, address, length, list(value.to_bytes(length, "little")))
     assert (result, error) == (0, 0)
@@ -125,7 +125,7 @@ def test_the_makers_packets_equal_ours() -> None:
     handler, random = Protocol2PacketHandler(), np.random.default_rng(5)
     for _ in range(500):
         wire = Wire()
-        port = dynamixel.SdkPort(wire, 57600)
+        port = dynamixel.SdkPort(wire, 57600, time)
         servos = random.choice(250, size=random.integers(1, 6), replace=False)
         goals = {int(servo): int(random.integers(0, 4096)).to_bytes(4, "little") for servo in servos}
         write = GroupSyncWrite(port, handler, *dynamixel.GOAL_POSITION)

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from fin_plant.gait import Gait, JointDrive
-from fin_servo_driver import backends, io_thread, robot_file
+from fin_servo_driver import backends, device_loop, robot_file
 from fin_servo_driver.backends import backend as backend_module
-from fin_servo_driver.backends import dynamixel, firmata, maestro, modbus
+from fin_servo_driver.backends import firmata, modbus
 from fin_servo_driver.backends.backend import BITS_A_BYTE
+from fin_servo_driver.device_loop import DeviceLoop
 from fin_servo_driver.emulator.devices import Modbus
 from fin_servo_driver.emulator.emulate import device_for
-from fin_servo_driver.io_thread import IoThread
 from fin_servo_driver.line import LineLostError, StopAskedError
 from fin_servo_driver.relay import RelayMotion
 from fin_servo_driver.robot_file import RelayJoint
@@ -35,9 +35,6 @@ FORCE_OFF_WITHIN = 0.02
 """s after a stop."""
 WATCHED = 0.15
 """s after a stop in which nothing may move."""
-_CLOCKED = (backend_module, dynamixel, firmata, io_thread, maestro, modbus)
-
-
 Act = tuple[float, "Callable[[], object]"]
 """What happens, and when: s from the beginning."""
 
@@ -81,7 +78,7 @@ class Scene:
         self.device.outputs = self.held()  # an earlier driver may have left it so
         for table in getattr(self.device, "tables", {}).values():
             table[64] = True
-        backend = backends.make(self.robot)
+        backend = backends.make(self.robot, self.clock)
         if hasattr(backend, "_random"):
             backend._random = random.Random(1)  # noqa: S311 - the moments are the same in each run
         self._baud = self.robot.baud or backend.baud
@@ -90,8 +87,9 @@ class Scene:
             self.motion = RelayMotion(self.robot.relays, self.robot.timing, 1.0 / backend.rate)
         else:
             self.motion = ServoMotion(self.robot.servos, 1.0 / backend.rate)
-        self.thread = IoThread(backend, self.motion, Settings(0.5, 0.1), self.open, "fake://", lambda _: None)
-        self.thread._sleep = self.sleep  # type: ignore[method-assign]
+        self.loop = DeviceLoop(
+            backend, self.motion, Settings(0.5, 0.1), self.open, "fake://", lambda _: None, self.clock
+        )
         self.doing = "identifying"
         self.begin = self.clock.now
         drives = (JointDrive(0.2, 2.0, 0.3 * index, 0.0) for index in range(len(self.robot.joints)))
@@ -107,12 +105,12 @@ class Scene:
 
     def moment(self) -> None:
         number = len(self.moments)
-        is_enabling = self.thread._force is io_thread._Force.UNSURE and self.thread._tail.phase is Phase.FOLLOWING
+        is_enabling = self.loop._force is device_loop._Force.UNSURE and self.loop._tail.phase is Phase.FOLLOWING
         self.moments.append("enabling" if is_enabling else self.doing)
         if number == self.stop_at:
             self.stopped = self.clock.now
             self.frames_before = sum(len(wire.log) for wire in self.wires)
-            self.thread.cut()
+            self.loop.cut()
 
     def acts(self) -> Iterator[Act]:
         """Yield what happens, with its time."""
@@ -129,18 +127,18 @@ class Scene:
         def swim(until: float) -> Iterator[Act]:
             nonlocal at
             while at < until:
-                yield at, act("swimming", lambda: self.thread.mailbox.put(Command(self.gait, self.clock.now)))
+                yield at, act("swimming", lambda: self.loop.mailbox.put(Command(self.gait, self.clock.now)))
                 at += 0.1
 
-        yield 0.02, act("armed", self.thread.arm)
+        yield 0.02, act("armed", self.loop.arm)
         at = 0.05
         yield from swim(0.35)
-        yield 0.35, act("leading to neutral", self.thread.stop_tail)
+        yield 0.35, act("leading to neutral", self.loop.stop_tail)
         yield 0.9, act("settled", lambda: None)
         at = 0.95
         yield from swim(1.1)
         yield 1.1, act("reconnecting", self.lose)
-        yield 1.5, self.thread.end
+        yield 1.5, self.loop.end
 
     def lose(self) -> None:
         self.wires[-1].lost = LineLostError("the cable is out")
@@ -149,11 +147,11 @@ class Scene:
         """Let the driver sleep: what is to happen happens."""
         until = self.clock.now + seconds
         self.moment()
-        while not self.thread._stop.asked and self.clock.now < until:
+        while not self.loop._stop.asked and self.clock.now < until:
             if self.stopped is not None:
                 self.clock.sleep(until - self.clock.now)
                 if self.clock.now > self.line_there() + WATCHED:
-                    self.thread.end()
+                    self.loop.end()
                 return
             if self.next_act is None or self.begin + self.next_act[0] > until:
                 self.clock.sleep(until - self.clock.now)
@@ -161,15 +159,17 @@ class Scene:
             self.clock.sleep(self.begin + self.next_act[0] - self.clock.now)
             self.next_act[1]()
             self.next_act = next(self.script, None)
-            if not self.thread._wake.empty():
+            if self.loop.is_asked or self.loop._is_ending:
                 return
 
     def play(self) -> None:
         with contextlib.suppress(StopAskedError):
-            self.thread._connect()
+            self.loop.connect()
         self.begin = self.clock.now
-        if self.thread._line is not None:
-            self.thread._run()
+        if self.loop._line is not None:
+            while (idle := self.loop.turn()) is not None:
+                self.sleep(idle)
+            self.loop.finish("the scene has ended")
         else:
             self.clock.sleep(WATCHED)
             self.wires[-1]._pass(self.clock.now)
@@ -217,30 +217,8 @@ class Scene:
         return self.has_force(at_rest.outputs) or any(changed.values())
 
 
-@pytest.fixture(autouse=True)
-def _own_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = _Current()
-    for module in _CLOCKED:
-        monkeypatch.setattr(module, "time", clock)
-
-
-class _Current:
-    """The clock of the scene that is played."""
-
-    scene: Scene | None = None
-
-    def monotonic(self) -> float:
-        return self.scene.clock.now if self.scene else 1000.0
-
-    def sleep(self, seconds: float) -> None:
-        assert self.scene
-        self.scene.clock.sleep(seconds)
-
-
 def played(robot: Robot, stop_at: int | None) -> Scene:
-    _Current.scene = None
     scene = Scene(robot, stop_at)
-    _Current.scene = scene
     scene.play()
     return scene
 

@@ -12,7 +12,7 @@ from fin_servo_driver.tail import Phase
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from fin_servo_driver.io_thread import Health
+    from fin_servo_driver.health import Health
 
 OK, WARN, ERROR = 0, 1, 2
 """Levels, as diagnostic_msgs numbers them."""

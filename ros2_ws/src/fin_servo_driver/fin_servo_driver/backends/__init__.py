@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING
 
 from fin_servo_driver.backends.dynamixel import Dynamixel
@@ -13,6 +14,7 @@ from fin_servo_driver.backends.modbus import Modbus
 
 if TYPE_CHECKING:
     from fin_servo_driver.backends.backend import Backend
+    from fin_servo_driver.clock import Clock
     from fin_servo_driver.robot_file import Robot
 
 BACKENDS: dict[str, type[Backend]] = {
@@ -25,8 +27,8 @@ BACKENDS: dict[str, type[Backend]] = {
 }
 
 
-def make(robot: Robot) -> Backend:
-    """Return the back end of a robot.
+def make(robot: Robot, clock: Clock = time) -> Backend:
+    """Return the back end of a robot, with what it takes for the time.
 
     Raises:
         ValueError: There is none of that name, or it cannot drive these joints.
@@ -34,4 +36,4 @@ def make(robot: Robot) -> Backend:
     if robot.device not in BACKENDS:
         msg = f"device {robot.device!r} is not known: choose one of {', '.join(BACKENDS)}"
         raise ValueError(msg)
-    return BACKENDS[robot.device](robot)
+    return BACKENDS[robot.device](robot, clock)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -14,6 +13,7 @@ from fin_servo_driver.line import LineLostError, LineStalledError
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from fin_servo_driver.clock import Clock
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.set_points import Outputs
@@ -60,14 +60,15 @@ class LifeSign:
         patience: s without an answer after which the device counts as lost.
     """
 
-    def __init__(self, every: float, patience: float) -> None:
+    def __init__(self, every: float, patience: float, clock: Clock) -> None:
+        self._clock = clock
         self.every = every
         self.patience = patience
-        self._heard = self._asked = time.monotonic()
+        self._heard = self._asked = self._clock.monotonic()
 
     def heard(self) -> None:
         """Note an answer."""
-        self._heard = time.monotonic()
+        self._heard = self._clock.monotonic()
 
     def due(self) -> bool:
         """Whether to ask now.
@@ -75,7 +76,7 @@ class LifeSign:
         Raises:
             LineLostError: Nothing was heard for too long.
         """
-        now = time.monotonic()
+        now = self._clock.monotonic()
         if now - self._heard > self.patience:
             msg = f"the device has fallen silent: no answer for {self.patience:g} s; has it power?"
             raise LineLostError(msg)
@@ -114,13 +115,14 @@ class Backend(ABC):
     confirms: ClassVar[bool] = False
     """Whether `disable` returns only once the device has answered that it took it."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Take the robot's joints.
+    def __init__(self, robot: Robot, clock: Clock) -> None:
+        """Take the robot's joints, and what this back end takes for the time.
 
         Raises:
             ValueError: Joints, channels, ranges or options that the device cannot have.
         """
         self.robot = robot
+        self._clock = clock
         self.can_be_disabled_unseen = True  # before `identify`, where it is known to be on this port
         kind = "servos" if robot.servos else "relays"
         if kind != self.drives:
@@ -188,9 +190,9 @@ class RelayBackend(Backend):
     frame_bytes: ClassVar[int]
     """Of a frame that switches one relay."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, clock: Clock) -> None:
         """Take the robot's joints."""
-        super().__init__(robot)
+        super().__init__(robot, clock)
         self._on: Outputs = {}
         self._on_since: dict[int, float] = {}
         self._off_since: dict[int, float] = {}
@@ -220,7 +222,7 @@ class RelayBackend(Backend):
                 self._on_since[channel] = self._arrived_by()
 
     def _was_on_long_enough(self, channel: int) -> bool:
-        on_for = time.monotonic() - self._on_since.get(channel, -math.inf)
+        on_for = self._clock.monotonic() - self._on_since.get(channel, -math.inf)
         return self._on.get(channel) is None or on_for >= self.robot.timing.shortest_on
 
     def _arrived_by(self) -> float:
@@ -229,16 +231,16 @@ class RelayBackend(Backend):
         The bytes written before it go first; a port takes them all at once.
         """
         seconds = self.frame_bytes * BITS_A_BYTE / (self.robot.baud or self.baud)
-        self._line_free_at = max(self._line_free_at, time.monotonic()) + seconds
+        self._line_free_at = max(self._line_free_at, self._clock.monotonic()) + seconds
         return self._line_free_at
 
     def _line_is_full(self) -> bool:
         seconds = FRAMES_WAITING * self.frame_bytes * BITS_A_BYTE / (self.robot.baud or self.baud)
-        return self._line_free_at - time.monotonic() > seconds
+        return self._line_free_at - self._clock.monotonic() > seconds
 
     def _partner_rests(self, channel: int) -> bool:
         partner = self._partner[channel]
-        rested = time.monotonic() - self._off_since.get(partner, math.inf)
+        rested = self._clock.monotonic() - self._off_since.get(partner, math.inf)
         return self._on.get(partner) == 0.0 and rested >= self.robot.timing.dead_time
 
     def disable(self, line: Line) -> None:

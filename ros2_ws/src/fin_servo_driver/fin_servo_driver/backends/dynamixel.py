@@ -11,7 +11,6 @@ were asked for.
 from __future__ import annotations
 
 import random
-import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -24,6 +23,7 @@ from fin_servo_driver.line import LineLostError, LineStalledError, WrongDeviceEr
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
 
+    from fin_servo_driver.clock import Clock
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.set_points import Outputs
@@ -93,7 +93,8 @@ def highest_rate(baud: int, servos: int) -> float:
 class SdkPort:
     """The port as the SDK wants it (its `PortHandler`), on a line of ours. Names are the SDK's."""
 
-    def __init__(self, line: Line, baud: int) -> None:
+    def __init__(self, line: Line, baud: int, clock: Clock) -> None:
+        self._clock = clock
         self.is_using = False
         self.baudrate = baud
         self._line = line
@@ -127,7 +128,7 @@ class SdkPort:
         What has come when the time is over still counts, and nothing later: garbage cannot put the end off.
         """
         if not self._waiting and not self._over:
-            self._over = time.monotonic() > self._deadline
+            self._over = self._clock.monotonic() > self._deadline
             data = self._line.read(0.0 if self._over else 0.001)
             self._waiting += data
             self._heard += data
@@ -147,7 +148,7 @@ class SdkPort:
 
     def setPacketTimeoutMillis(self, msec: float) -> None:  # noqa: N802
         """Wait so many ms."""
-        self._deadline = time.monotonic() + msec / 1000.0
+        self._deadline = self._clock.monotonic() + msec / 1000.0
         self._over = False
 
     def isPacketTimeout(self) -> bool:  # noqa: N802
@@ -167,13 +168,13 @@ class Dynamixel(Backend):
     measures = True
     confirms = True
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, clock: Clock) -> None:
         """Take the robot's joints.
 
         Raises:
             ValueError: Joints that this device cannot have, or more than the line carries.
         """
-        super().__init__(robot)
+        super().__init__(robot, clock)
         self._servos = [joint.channel for joint in robot.servos]
         self._baud = robot.baud or self.baud
         self.rate = highest_rate(self._baud, len(self._servos))
@@ -258,7 +259,7 @@ class Dynamixel(Backend):
 
     def _open(self, line: Line) -> SdkPort:
         if self._port is None or self._port._line is not line:  # noqa: SLF001 - one file, two classes
-            self._port = SdkPort(line, self._baud)
+            self._port = SdkPort(line, self._baud, self._clock)
         self._port.is_using = False  # an exception out of our port leaves the SDK's flag behind
         return self._port
 
@@ -386,8 +387,8 @@ class Dynamixel(Backend):
 
     def _let_answers_pass(self, line: Line) -> None:
         """Read away what comes until nothing does, for as long as answers to one question take at most."""
-        deadline = time.monotonic() + self._wait
-        while time.monotonic() < deadline and line.read(_QUIET):
+        deadline = self._clock.monotonic() + self._wait
+        while self._clock.monotonic() < deadline and line.read(_QUIET):
             pass
         self._is_asking = False
 
@@ -401,7 +402,7 @@ class Dynamixel(Backend):
         self._note_answers(answers)
         told = {servo: int.from_bytes(data[:4], "little", signed=True) for servo, data in answers.items()}
         positions = {servo: float(ticks) for servo, ticks in told.items() if _LOWEST_TOLD <= ticks <= _HIGHEST_TOLD}
-        health = self._health(line) if time.monotonic() - self._asked_health >= _HEALTH_EVERY else NOTHING
+        health = self._health(line) if self._clock.monotonic() - self._asked_health >= _HEALTH_EVERY else NOTHING
         strange = [f"id {servo} stands at {told[servo]}, outside a turn" for servo in told.keys() - positions.keys()]
         faults = [*strange, *([health.fault] if health.fault else [])]
         return replace(health, positions=positions, fault="; ".join(faults))
@@ -418,7 +419,7 @@ class Dynamixel(Backend):
         return {} if before else answers
 
     def _heard_all(self) -> None:
-        self._heard = dict.fromkeys(self._servos, time.monotonic())
+        self._heard = dict.fromkeys(self._servos, self._clock.monotonic())
 
     def _note_answers(self, answered: Collection[int]) -> None:
         """Note who has answered just now.
@@ -427,7 +428,7 @@ class Dynamixel(Backend):
             LineLostError: A servo was silent for too long. Under force one that answers again counts too: its bus
                 watchdog may have tripped.
         """
-        now = time.monotonic()
+        now = self._clock.monotonic()
         longest = _SILENCE_UNDER_FORCE if self._under_force else _SILENCE
         for servo, heard in self._heard.items():
             if now - heard > longest and (self._under_force or servo not in answered):
@@ -443,7 +444,7 @@ class Dynamixel(Backend):
         register = _HEALTH[self._turn % len(_HEALTH)]
         told = self._read(line, self._servos, register, self._wait)
         if len(told) == len(self._servos):
-            self._asked_health = time.monotonic()
+            self._asked_health = self._clock.monotonic()
             self._turn += 1
         if register is BUS_WATCHDOG:
             self._require_watchdog(told)

@@ -16,13 +16,13 @@ it has of the one before.
 from __future__ import annotations
 
 import random
-import time
 from typing import TYPE_CHECKING
 
 from fin_servo_driver.backends.backend import HEARS_ITSELF, NOTHING, ONLY_AN_ECHO, Backend, Feedback, LifeSign
 from fin_servo_driver.line import LineLostError, WrongDeviceError
 
 if TYPE_CHECKING:
+    from fin_servo_driver.clock import Clock
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.set_points import Outputs
@@ -147,13 +147,13 @@ class Firmata(Backend):
     baud = 57600
     takes_cut_frames = True
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, clock: Clock) -> None:
         """Take the robot's joints.
 
         Raises:
             ValueError: Joints that this device cannot have.
         """
-        super().__init__(robot)
+        super().__init__(robot, clock)
         for number, joint in enumerate(robot.servos, start=1):
             if not joint.lowest <= FIRST_PULSE <= joint.highest:
                 msg = (
@@ -163,7 +163,7 @@ class Firmata(Backend):
                 raise ValueError(msg)
         self.can_be_disabled_unseen = False  # its boot loader must not be spoken to
         self._parser = Parser()
-        self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._life = LifeSign(_ASK_EVERY, _SILENCE, self._clock)
         self._identified = 0.0
         self._random = random.SystemRandom()
         self._asked_pin: int | None = None
@@ -173,7 +173,7 @@ class Firmata(Backend):
         self._await_banner(line)
         for pin in self._random.sample(range(_PINS), _PINS_ASKED):
             self._require_pin(line, pin)
-        self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._life = LifeSign(_ASK_EVERY, _SILENCE, self._clock)
         self._asked_pin = None
         version = self._parser.version or ()
         return f"Firmata protocol {'.'.join(map(str, version))}"
@@ -181,9 +181,9 @@ class Firmata(Backend):
     def _await_banner(self, line: Line) -> None:
         self._parser = Parser()
         received = bytearray()
-        start = time.monotonic()
+        start = self._clock.monotonic()
         asked = False
-        while (elapsed := time.monotonic() - start) < _BANNER_SECONDS:
+        while (elapsed := self._clock.monotonic() - start) < _BANNER_SECONDS:
             if elapsed > _BOOT_SECONDS and not asked:
                 _write(line, ASK_VERSION)
                 asked = True
@@ -191,7 +191,7 @@ class Firmata(Backend):
             received += data
             self._parser.feed(data)
             if self._parser.version is not None:
-                self._identified = time.monotonic()
+                self._identified = self._clock.monotonic()
                 return
         if received == END_SYSEX + ASK_VERSION:
             raise WrongDeviceError(ONLY_AN_ECHO)
@@ -207,8 +207,8 @@ class Firmata(Backend):
         for _ in range(_TRIES):
             self._parser.pin = None
             _write(line, ask_pin(pin))
-            deadline = time.monotonic() + _PIN_SECONDS
-            while (left := deadline - time.monotonic()) > 0.0:
+            deadline = self._clock.monotonic() + _PIN_SECONDS
+            while (left := deadline - self._clock.monotonic()) > 0.0:
                 data = line.read(left)
                 heard += data
                 self._parser.feed(data)
@@ -255,7 +255,7 @@ class Firmata(Backend):
         if self._asked_pin is not None and self._parser.pin == self._asked_pin:
             self._life.heard()
             self._asked_pin = None
-        if self._parser.starts and time.monotonic() - self._identified > _NAME_SECONDS:
+        if self._parser.starts and self._clock.monotonic() - self._identified > _NAME_SECONDS:
             msg = "the board has started anew by itself: does the servo draw its supply down? Give it one of its own"
             raise LineLostError(msg)
         if self._life.due():

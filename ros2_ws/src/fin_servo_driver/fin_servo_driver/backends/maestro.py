@@ -13,7 +13,6 @@ Its serial timeout is off unless it is set in the maker's Control Center; docs/r
 from __future__ import annotations
 
 import random
-import time
 from typing import TYPE_CHECKING
 
 from fin_plant import checks
@@ -23,6 +22,7 @@ from fin_servo_driver.line import LineLostError, LineStalledError, WrongDeviceEr
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from fin_servo_driver.clock import Clock
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.set_points import Outputs
@@ -109,13 +109,13 @@ class Maestro(Backend):
     confirms = True
     options = ("model", "detect_baud")
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, clock: Clock) -> None:
         """Take the robot's joints.
 
         Raises:
             ValueError: Joints or options that this device cannot have.
         """
-        super().__init__(robot)
+        super().__init__(robot, clock)
         model = checks.choice("options: model", str(robot.options.get("model", 6)), ("6", "12", "18", "24"))
         used = [joint.channel for joint in robot.servos]
         if max(used) >= int(model):
@@ -126,7 +126,7 @@ class Maestro(Backend):
         self._together = model != "6" and in_a_row and len(used) > 1
         self._channels = used
         self.can_be_disabled_unseen = not robot.options.get("detect_baud")  # then the first byte must be AA
-        self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._life = LifeSign(_ASK_EVERY, _SILENCE, self._clock)
         self._random = random.SystemRandom()
         self._asked: list[int | None] = []  # one at most: a channel, or None for the errors
         self._answer = bytearray()
@@ -158,15 +158,15 @@ class Maestro(Backend):
             self._positions(line, _QUESTIONS_TO_IDENTIFY, _TRIES_TO_IDENTIFY)
         except LineStalledError as error:
             raise WrongDeviceError(str(error)) from error
-        self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._life = LifeSign(_ASK_EVERY, _SILENCE, self._clock)
         complaints = errors(bytes(answer))
         return f"Maestro, errors before: {', '.join(complaints) or 'none'}"
 
     def _bytes_of_answer(self, line: Line, length: int, seconds: float) -> bytes:
         """Return so many bytes, less if they do not come in time, more if they come."""
         answer = b""
-        deadline = time.monotonic() + seconds
-        while len(answer) < length and (left := deadline - time.monotonic()) > 0.0:
+        deadline = self._clock.monotonic() + seconds
+        while len(answer) < length and (left := deadline - self._clock.monotonic()) > 0.0:
             answer += line.read(left)
         return answer + line.read(_QUIET)
 

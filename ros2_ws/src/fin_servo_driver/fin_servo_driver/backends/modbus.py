@@ -13,7 +13,6 @@ that neither the same answer for ever nor answers recorded earlier fit them.
 from __future__ import annotations
 
 import random
-import time
 from typing import TYPE_CHECKING
 
 from fin_plant import checks
@@ -23,6 +22,7 @@ from fin_servo_driver.line import LineLostError, LineStalledError, WrongDeviceEr
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from fin_servo_driver.clock import Clock
     from fin_servo_driver.line import Line
     from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.set_points import Outputs
@@ -127,16 +127,16 @@ class Modbus(RelayBackend):
     confirms = True
     options = ("unit", "on_value")
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, clock: Clock) -> None:
         """Take the robot's joints.
 
         Raises:
             ValueError: Joints or options that this device cannot have.
         """
-        super().__init__(robot)
+        super().__init__(robot, clock)
         self._unit = checks.whole_number("options: unit", robot.options.get("unit", 1), 1, 247)
         self._on_value = checks.whole_number("options: on_value", robot.options.get("on_value", STANDARD_ON), 1, 0xFFFF)
-        self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._life = LifeSign(_ASK_EVERY, _SILENCE, self._clock)
         used = [channel for joint in robot.relays for channel in joint.channels]
         self._first = min(used)
         self._count = max(used) - self._first + 1
@@ -151,7 +151,7 @@ class Modbus(RelayBackend):
 
     def identify(self, line: Line) -> str:
         """Ask for the coils often enough that only something that understands the questions gives such answers."""
-        self._life = LifeSign(_ASK_EVERY, _SILENCE)
+        self._life = LifeSign(_ASK_EVERY, _SILENCE, self._clock)
         self._unanswered = 0
         self._together = None
         self._echoes = False
@@ -312,15 +312,15 @@ class Modbus(RelayBackend):
                 self._together = False
                 return
         self._together = True
-        now = time.monotonic()
+        now = self._clock.monotonic()
         for channel in self._partner:
             if self._on.get(channel) != 0.0:
                 self._off_since[channel] = now
             self._on[channel] = 0.0
 
     def _await_quiet(self, line: Line) -> None:
-        deadline = time.monotonic() + _QUIET_WITHIN
-        while line.read(_QUIET) and time.monotonic() < deadline:
+        deadline = self._clock.monotonic() + _QUIET_WITHIN
+        while line.read(_QUIET) and self._clock.monotonic() < deadline:
             pass
 
     def _ask_surely(self, line: Line, frame: bytes) -> bytes:
@@ -338,7 +338,7 @@ class Modbus(RelayBackend):
             LineLostError: They do not, or the board has fallen silent.
         """
         is_on = any(self._on.values())
-        if time.monotonic() - self._looked >= _LOOK_EVERY if is_on else self._life.due():
+        if self._clock.monotonic() - self._looked >= _LOOK_EVERY if is_on else self._life.due():
             self._require_as_switched(line)
         if is_on and self._unanswered >= _UNANSWERED:
             msg = f"Modbus unit {self._unit} has fallen silent: it does not tell its coils; has it power?"
@@ -374,7 +374,7 @@ class Modbus(RelayBackend):
         Raises:
             LineLostError: The answer does not fit the question.
         """
-        self._looked = time.monotonic()
+        self._looked = self._clock.monotonic()
         try:
             gets, told = self._told(line, is_long=False)
         except LineStalledError as error:
@@ -391,8 +391,8 @@ class Modbus(RelayBackend):
         self._is_asking = True  # until an answer has come, or none comes any more
         line.write(frame)
         heard = b""
-        deadline = time.monotonic() + _ANSWER_SECONDS
-        while (left := deadline - time.monotonic()) > 0.0:
+        deadline = self._clock.monotonic() + _ANSWER_SECONDS
+        while (left := deadline - self._clock.monotonic()) > 0.0:
             heard += line.read(left)
             after_echo = heard.partition(frame)[2] if self._echoes else heard
             answer = answer_in(after_echo, frame)
