@@ -18,12 +18,16 @@ from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from fin_servo_driver import backends, robot_file
+from fin_servo_driver.backends import modbus
 from fin_servo_driver.backends.modbus import Modbus
 from fin_servo_driver.line import LineStalledError, WrongDeviceError
 from fin_servo_driver.port import SerialLine
+from support.waiting import PATIENCE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from fin_servo_driver.clock import Clock
 
 UNIT = 1
 
@@ -63,7 +67,7 @@ class RelayBoard:
         self._running = threading.Event()
         self._thread = threading.Thread(target=self._serve, args=(port,))
         self._thread.start()
-        assert self._running.wait(10.0)
+        assert self._running.wait(PATIENCE)
 
     def _serve(self, port: str) -> None:
         asyncio.set_event_loop(self._loop)
@@ -96,8 +100,23 @@ def board() -> Iterator[str]:
     cable.close()
 
 
-def backend() -> Modbus:
-    made = backends.make(robot_file.load(robot_file.find("modbus")))
+class AheadClock:
+    """This machine's clock, but for what was slept, which is skipped."""
+
+    def __init__(self) -> None:
+        self._ahead = 0.0
+
+    def monotonic(self) -> float:
+        """Return the time in s."""
+        return time.monotonic() + self._ahead
+
+    def sleep(self, seconds: float, /) -> None:
+        """Let time pass."""
+        self._ahead += seconds
+
+
+def backend(clock: Clock = time) -> Modbus:
+    made = backends.make(robot_file.load(robot_file.find("modbus")), clock)
     assert isinstance(made, Modbus)
     return made
 
@@ -105,20 +124,22 @@ def backend() -> Modbus:
 def read_with_somebody_elses_client(port: str) -> list[int]:
     instrument = minimalmodbus.Instrument(port, UNIT)
     instrument.serial.baudrate = 9600
-    instrument.serial.timeout = 0.5
+    instrument.serial.timeout = PATIENCE
     bits = instrument.read_bits(0, 2, functioncode=1)
     instrument.serial.close()
     return list(bits)
 
 
-def test_relays_switch_on_and_off_as_a_foreign_client_reads_them(board: str) -> None:
-    subject = backend()
+def test_relays_switch_on_and_off_as_a_foreign_client_reads_them(board: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(modbus, "_ANSWER_SECONDS", PATIENCE)  # all answers come, on a busy machine late
+    clock = AheadClock()
+    subject = backend(clock)
     for outputs, expected in (({0: 1.0, 1: 0.0}, [1, 0]), ({0: 0.0, 1: 1.0}, [0, 1]), ({0: 0.0, 1: 0.0}, [0, 0])):
         line = SerialLine(board, 9600)
         assert "Modbus relays, unit 1" in subject.identify(line)
         subject.enable(line, {0: 0.0, 1: 0.0})
         subject.send(line, dict(outputs))
-        time.sleep(max(subject.robot.timing.dead_time, subject.robot.timing.shortest_on))
+        clock.sleep(max(subject.robot.timing.dead_time, subject.robot.timing.shortest_on))
         subject.send(line, dict(outputs))
         line.close()
         assert read_with_somebody_elses_client(board) == expected

@@ -18,17 +18,18 @@ from hypothesis import strategies as st
 
 from fin_servo_driver import backends, calibrate_servo, robot_file
 from fin_servo_driver.backends import dynamixel, maestro
-from fin_servo_driver.calibrate_servo import UNITS_A_SECOND, Calibration, Holder, Ramp, calibrate, main
+from fin_servo_driver.calibrate_servo import calibrate, main
+from fin_servo_driver.calibration import Calibration
 from fin_servo_driver.emulator.devices import Dynamixel, Firmata, Maestro
 from fin_servo_driver.emulator.emulate import device_for
 from fin_servo_driver.emulator.pty_port import PtyPort
 from fin_servo_driver.line import DeviceError, Stop, StoppableLine
-from fin_servo_driver.port import SerialLine
-from support.waiting import wait_until
-from support.wire import Wire
+from fin_servo_driver.servo_holder import UNITS_A_SECOND, Holder, Ramp
+from support.waiting import PATIENCE, wait_until
+from support.wire import OwnClock, Wire
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from fin_servo_driver.backends.backend import Backend
@@ -50,7 +51,7 @@ class Logged(Dynamixel):
 def test_what_the_driver_would_refuse_is_not_stored_and_told_and_can_be_mended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    port = PtyPort(Firmata(), tmp_path / "port")
+    monkeypatch.setattr(calibrate_servo, "SerialLine", lambda *_: Wire(Firmata()))
     file = tmp_path / "robot.yaml"
     file.write_text(robot_file.find("firmata").read_text())
     before = file.read_text()
@@ -62,65 +63,111 @@ def test_what_the_driver_would_refuse_is_not_stored_and_told_and_can_be_mended(
 
     monkeypatch.setattr(signal, "signal", lambda *_: None)  # this process keeps its own handlers
     monkeypatch.setattr(sys, "stdin", lines())
-    assert main([str(file), "--port", str(port.path)]) == 0
-    port.close()
+    assert main([str(file)]) == 0
     told = capsys.readouterr().out
     assert "not stored: joint 1: [lowest, highest] = [1520, 1800] us does not contain 1500 us" in told
     backends.make(robot_file.load(file))
     assert robot_file.load(file).servos[0].lowest == 1400.0
 
 
-def test_a_servo_that_measures_is_led_to_its_centre_from_where_it_stands(tmp_path: Path) -> None:
-    robot = robot_file.load(robot_file.find("dynamixel"))
+def test_a_servo_that_measures_is_led_to_its_centre_from_where_it_stands() -> None:
+    robot, clock, stop = robot_file.load(robot_file.find("dynamixel")), OwnClock(), Stop()
     joint = robot.servos[0]
     bus = Logged(joint.channel, joint.centre - 300.0)
-    port = PtyPort(bus, tmp_path / "port")
-    backend, stop = backends.make(robot), Stop()
-    line = StoppableLine(SerialLine(str(port.path), robot.baud), stop)
+    backend, line = backends.make(robot, clock), StoppableLine(Wire(bus, robot.baud, clock), stop)
     backend.identify(line)
-    holder = Holder(backend, line, robot, Calibration(joint, joint.centre, backend.lowest, backend.highest), stop)
-    holder.start()
-    wait_until(lambda: bus.outputs.get(joint.channel) == joint.centre, 30.0, "the centre")
+    calibration = Calibration(joint, joint.centre, backend.lowest, backend.highest)
+    holder = Holder(backend, line, robot, calibration, stop, lambda _: None, clock)
+    holder.enable()
+    begin = clock.now
+    while bus.outputs[joint.channel] != joint.centre:
+        assert clock.now < begin + 2.0
+        clock.sleep(1.0 / backend.rate)
+        holder.step()
+    assert clock.now - begin == pytest.approx(300.0 / UNITS_A_SECOND, abs=0.1)
     holder.close()
-    line.raw.close()
-    port.close()
     longest = 2.0 * UNITS_A_SECOND / backend.rate + 1.0  # of two periods, however late the thread is, and rounded
     assert abs(bus.goals[0] - (joint.centre - 300.0)) <= longest
-    assert max(abs(b - a) for a, b in zip(bus.goals, bus.goals[1:], strict=False)) <= longest
+    assert max(abs(b - a) for a, b in itertools.pairwise(bus.goals)) <= longest
     assert bus.outputs[joint.channel] is None
 
 
-def test_what_interrupts_the_very_start_lets_go_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    port = PtyPort(Maestro(), tmp_path / "port")
-    robot = robot_file.load(robot_file.find("maestro"))
+def test_what_interrupts_the_very_start_lets_go_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = Maestro()
+    monkeypatch.setattr(calibrate_servo, "SerialLine", lambda *_: Wire(device))
 
     def interrupted(_: object) -> None:
-        wait_until(lambda: any(port.device.outputs.values()), 2.0, "a servo that is held")
+        assert any(device.outputs.values()), "a servo that is held"
         raise KeyboardInterrupt
 
     monkeypatch.setattr(threading.Thread, "start", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        calibrate(robot, 1, str(port.path), [])
+        calibrate(robot_file.load(robot_file.find("maestro")), 1, "", [])
     monkeypatch.undo()
-    wait_until(lambda: not any(port.device.outputs.values()), 1.0, "a servo without force")
-    port.close()
+    assert not any(device.outputs.values())
+
+
+class Program:
+    """The program with a Maestro on a pseudo-terminal; started again where the machine kept the device's answers.
+
+    Attributes:
+        said: What it has written.
+    """
+
+    def __init__(self, device: Maestro, folder: Path, *, stdin: int = subprocess.DEVNULL, warning: float = 2.0) -> None:
+        self.port = PtyPort(device, folder / "port", keep=True)
+        self.device = device
+        self.said = folder / "said"
+        slow = folder / "robot.yaml"  # so that nobody misses it on its way
+        slow.write_text(robot_file.find("maestro").read_text().replace("rate: 6.0", "rate: 0.05"))
+        program = f"from fin_servo_driver import calibrate_servo as c; c._WARNING_SECONDS = {warning}; exit(c.main())"
+        self._command = [sys.executable, "-c", program, str(slow), "--port", str(self.port.path)]
+        self._stdin = stdin
+        self.process = self._start()
+
+    def _start(self) -> subprocess.Popen[bytes]:
+        with self.said.open("wb") as output:
+            return subprocess.Popen(
+                ["env", "--ignore-signal=INT", *self._command],  # as a shell starts a job in the background
+                stdin=self._stdin,
+                stdout=output,
+                stderr=output,
+                env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+            )
+
+    def wait_until(self, condition: Callable[[], object], what: str) -> None:
+        def holds() -> bool:
+            if self.process.poll() == 1 and b"answers" in self.said.read_bytes():
+                self.process = self._start()
+            return bool(condition())
+
+        wait_until(holds, PATIENCE, lambda: f"{what}: {self.said.read_text()}")
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the servo has force."""
+        return any(self.device.outputs.values())
+
+    def close(self) -> bytes:
+        """End everything; return what the device was told."""
+        if self.process.poll() is None:
+            self.process.kill()
+            self.process.wait()
+        if self.process.stdin is not None:
+            self.process.stdin.close()
+        frames = bytes(self.port.received)
+        self.port.close()
+        return frames
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_signal_lets_go_of_the_servo(tmp_path: Path, number: signal.Signals) -> None:
-    port = PtyPort(Maestro(), tmp_path / "port")
-    background_job = ["env", "--ignore-signal=INT"]
-    program_itself = [sys.executable, "-m", "fin_servo_driver.calibrate_servo", str(robot_file.find("maestro"))]
-    command = [*background_job, *program_itself]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    with subprocess.Popen(
-        [*command, "--port", str(port.path)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, env=environment
-    ) as program:
-        wait_until(lambda: any(port.device.outputs.values()), 10.0, "a servo that is held")
-        program.send_signal(number)
-        assert program.wait(60.0) == 128 + number
-    wait_until(lambda: not any(port.device.outputs.values()), 1.0, "a servo without force")
-    port.close()
+    program = Program(Maestro(), tmp_path, stdin=subprocess.PIPE)
+    program.wait_until(lambda: program.is_held, "a servo that is held")
+    program.process.send_signal(number)
+    assert program.process.wait(PATIENCE) == 128 + number
+    wait_until(lambda: not program.is_held, PATIENCE, "a servo without force")
+    program.close()
 
 
 def test_storing_keeps_the_links_and_rights_of_the_file(tmp_path: Path) -> None:
@@ -260,40 +307,29 @@ def test_the_question_beyond_the_range_names_both_numbers_and_changes_nothing() 
 def test_ctrl_c_at_a_terminal_ends_the_motion_takes_the_force_away_and_moves_nothing_after(
     when: str, tmp_path: Path
 ) -> None:
-    device = Maestro()
-    port = PtyPort(device, tmp_path / "port", keep=True)
     terminal, own = pty.openpty()
-    command = [sys.executable, "-m", "fin_servo_driver.calibrate_servo", str(robot_file.find("maestro"))]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
-    said = tmp_path / "said"
-    with (
-        said.open("wb") as output,
-        subprocess.Popen(
-            [*command, "--port", str(port.path)], stdin=own, stdout=output, stderr=output, env=environment
-        ) as program,
-    ):
-        os.close(own)
-        wait_until(lambda: b"HANDS OFF" in said.read_bytes(), 60.0, "the warning")
-        assert b"JUMP to their centres, joint 1 to 1500 us" in said.read_bytes()
-        if when == "before force":
-            assert not any(device.outputs.values())
-        else:
-            wait_until(lambda: any(device.outputs.values()), 60.0, "a servo that is held")
-            if when == "on the way":
-                os.write(terminal, b"= 1800\n")
-                wait_until(lambda: 1510.0 < (device.outputs.get(0) or 0.0) < 1790.0, 60.0, "motion")
-        program.send_signal(signal.SIGINT)
-        program.send_signal(signal.SIGINT)  # a nervous hand
-        assert program.wait(60.0) == 130
+    program = Program(Maestro(), tmp_path, stdin=own, warning=2.0 * PATIENCE if when == "before force" else 0.5)
+    program.wait_until(lambda: b"HANDS OFF" in program.said.read_bytes(), "the warning")
+    assert b"JUMP to their centres, joint 1 to 1500 us" in program.said.read_bytes()
+    if when != "before force":
+        program.wait_until(lambda: program.is_held, "a servo that is held")
+    if when == "on the way":
+        os.write(terminal, b"= 1800\n")
+        program.wait_until(lambda: (program.device.outputs.get(0) or 0.0) > 1510.0, "motion")
+    program.process.send_signal(signal.SIGINT)
+    program.process.send_signal(signal.SIGINT)  # a nervous hand
+    assert program.process.wait(PATIENCE) == 130
     os.close(terminal)
-    wait_until(lambda: not any(device.outputs.values()), 60.0, "a servo without force")
-    frames = bytes(port.received)
-    port.close()
+    os.close(own)
+    wait_until(lambda: not program.is_held, PATIENCE, "a servo without force")
+    frames = program.close()
     off = frames.rfind(b"\x84\x00\x00\x00")
     assert off >= 0
     assert b"\x84" not in frames[off + 4 :]
-    assert b"Traceback" not in said.read_bytes()
-    assert b"nothing stored" in said.read_bytes()
+    assert b"\x84\x00\x20\x38" not in frames, "1800 us, where it was not yet"
+    said = program.said.read_bytes()
+    assert b"Traceback" not in said
+    assert b"nothing stored" in said
     assert (b"\x84\x00\x70\x2e" in frames) == (when != "before force")  # 1500 us
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import time
 from typing import TYPE_CHECKING
 
 import minimalmodbus
@@ -21,7 +20,7 @@ from pymodbus.pdu.bit_message import WriteSingleCoilRequest
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.backends import dynamixel, firmata, kmtronic, lcus, maestro, modbus
 from fin_servo_driver.emulator import devices, packets
-from support.waiting import wait_until
+from support.wire import OwnClock
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,7 +109,7 @@ def test_the_makers_sdk_on_our_port_sends_the_documented_packets(
     register: tuple[int, int], value: int, documented: str
 ) -> None:
     wire = Wire(status_of_servo_1)
-    port = dynamixel.SdkPort(wire, 57600, time)
+    port = dynamixel.SdkPort(wire, 57600, OwnClock())
     address, length = register
     result, error = Protocol2PacketHandler().writeTxRx(port, 1, address, length, list(value.to_bytes(length, "little")))
     assert (result, error) == (0, 0)
@@ -125,7 +124,7 @@ def test_the_makers_packets_equal_ours() -> None:
     handler, random = Protocol2PacketHandler(), np.random.default_rng(5)
     for _ in range(500):
         wire = Wire()
-        port = dynamixel.SdkPort(wire, 57600, time)
+        port = dynamixel.SdkPort(wire, 57600, OwnClock())
         servos = random.choice(250, size=random.integers(1, 6), replace=False)
         goals = {int(servo): int(random.integers(0, 4096)).to_bytes(4, "little") for servo in servos}
         write = GroupSyncWrite(port, handler, *dynamixel.GOAL_POSITION)
@@ -173,17 +172,16 @@ def test_maestro_errors_are_named() -> None:
 
 
 def test_a_maestro_at_rest_is_asked_more_often_than_its_serial_timeout_of_the_checklist() -> None:
-    board = devices.Maestro(serial_timeout=0.5)
-    wire = Wire(lambda data: board.feed(data, time.monotonic()))
-    backend = backends.make(robot_file.load(robot_file.find("maestro")))
+    board, clock = devices.Maestro(serial_timeout=0.5), OwnClock()
+    wire = Wire(lambda data: board.feed(data, clock.now))
+    backend = backends.make(robot_file.load(robot_file.find("maestro")), clock)
     assert backend.identify(wire) == "Maestro, errors before: none"
     backend.disable(wire)
-
-    def rest() -> None:
-        board.tick(time.monotonic())
+    for _ in range(500):
+        clock.sleep(1.0 / backend.rate)
+        board.tick(clock.now)
         assert backend.read(wire).fault == ""
-
-    wait_until(lambda: board.questions > 6, 4.0, "questions", rest)
+    assert board.questions > 40
 
 
 def test_a_maestro_that_nobody_asks_complains_and_stops_its_pulses() -> None:

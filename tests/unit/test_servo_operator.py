@@ -15,12 +15,12 @@ from rich.console import Console
 from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.plant_state import PlantState, State
 from fin_servo_driver import calibrate_servo, robot_file
-from fin_servo_driver.calibrate_servo import Calibration, Leave
+from fin_servo_driver.calibration import Calibration, Leave
 from fin_servo_driver.emulator.devices import Firmata
-from fin_servo_driver.emulator.pty_port import PtyPort
 from fin_servo_driver.fin_instruction import instruction, material, sizes
 from fin_servo_driver.robot_file import ServoJoint
 from support.waiting import wait_until
+from support.wire import Wire
 
 operator = pytest.importorskip("fin_servo_driver.operator")
 
@@ -304,7 +304,7 @@ def test_the_program_stores_what_was_measured_and_lets_go_of_the_servo(
     path = tmp_path / "robot.yaml"
     robot_file.save(robot_file.load(robot_file.find("firmata")), path)
     board = Firmata()
-    port = PtyPort(board, tmp_path / "port")
+    monkeypatch.setattr(calibrate_servo, "SerialLine", lambda *_: Wire(board))
 
     class Person(io.StringIO):
         def __next__(self) -> str:  # type: ignore[override]
@@ -316,17 +316,14 @@ def test_the_program_stores_what_was_measured_and_lets_go_of_the_servo(
             return line
 
     monkeypatch.setattr(sys, "stdin", Person("= 1520\nc\nnonsense\n= 1600\na 8\ns\n"))
-    try:
-        assert calibrate_servo.main([str(path), "--port", str(port.path)]) == 0
-        said = capsys.readouterr().out
-        assert "no: 'nonsense' is no command" in said
-        assert "stored in" in said
-        joint = robot_file.load(path).servos[0]
-        assert joint.centre == 1520.0
-        assert joint.units_per_radian == pytest.approx(80.0 / math.radians(8.0))
-        wait_until(lambda: not board.outputs, 5.0, "silence")
-    finally:
-        port.close()
+    assert calibrate_servo.main([str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "no: 'nonsense' is no command" in said
+    assert "stored in" in said
+    joint = robot_file.load(path).servos[0]
+    assert joint.centre == 1520.0
+    assert joint.units_per_radian == pytest.approx(80.0 / math.radians(8.0))
+    assert not board.outputs
 
 
 def test_a_port_in_use_is_an_error_with_advice(
