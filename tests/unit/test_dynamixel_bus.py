@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import time
 from collections import deque
 from dataclasses import replace
@@ -12,6 +13,7 @@ import pytest
 import serial
 
 from fin_servo_driver import backends, robot_file
+from fin_servo_driver.backends.backend import Feedback
 from fin_servo_driver.backends.dynamixel import Dynamixel as Backend
 from fin_servo_driver.emulator.devices import Dynamixel as Servos
 from fin_servo_driver.emulator.pty_port import PtyPort
@@ -23,7 +25,7 @@ from support.wire import OwnClock
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from fin_servo_driver.backends.backend import Feedback
+    from fin_servo_driver.backends.backend import Backend as AnyBackend
     from fin_servo_driver.robot_file import Robot
 
 CENTRE = 2048.0
@@ -126,7 +128,7 @@ def started(bus: Bus, joints: int = 1) -> Backend:
     return backend
 
 
-def tick(backend: Backend, bus: Bus) -> Feedback:
+def tick(backend: AnyBackend, bus: Bus) -> Feedback:
     time.sleep(0.01)
     backend.send(bus, dict.fromkeys(bus.device.tables, CENTRE))
     return backend.read(bus)
@@ -156,7 +158,10 @@ def test_a_line_that_is_too_slow_is_refused_with_the_baud_rate_that_is_needed(
     assert f"{baud} baud" in str(refusal.value)
 
 
-@pytest.mark.parametrize(("baud", "joints"), [(57600, 1), (57600, 2), (115200, 3), (FAST, 1), (FAST, 3)])
+@pytest.mark.parametrize(
+    ("baud", "joints"),
+    [(57600, 1), (57600, 2), (115200, 1), (115200, 3), (115200, 4), (FAST, 1), (FAST, 3), (FAST, 20)],
+)
 def test_positions_come_back_over_a_line_whose_bytes_take_their_time(baud: int, joints: int) -> None:
     """With the return delay of 0.5 ms that each servo has when it is bought, and 1 ms for the USB adapter."""
     bus = SlowBus(servos(joints), baud, delay=0.001 + 0.0005 * joints)
@@ -164,15 +169,30 @@ def test_positions_come_back_over_a_line_whose_bytes_take_their_time(baud: int, 
     backend.identify(bus)
     backend.enable(bus, {})
     centres = dict.fromkeys(range(1, joints + 1), CENTRE)
-    due, missed = time.monotonic(), 0
-    for _ in range(200):
+    due, seen = time.monotonic(), list[Feedback]()
+    for _ in range(round(4.0 * backend.rate)):
         backend.send(bus, centres)
-        assert backend.read(bus).positions == centres
+        seen.append(backend.read(bus))
         due += 1.0 / backend.rate
-        while time.monotonic() > due:  # the health of a servo was asked for too: the next tick comes in its turn
-            due, missed = due + 1.0 / backend.rate, missed + 1
+        assert time.monotonic() <= due, "the next tick would be late"
         time.sleep(due - time.monotonic())
-    assert missed <= 0.1 * 200
+    asked = [feedback.positions_asked for feedback in seen]
+    assert all(feedback.positions == centres for feedback in seen if feedback.positions_asked)
+    assert asked.count(False) <= 13
+    assert (False, False) not in itertools.pairwise(asked), "one question, then positions again"
+    assert len([feedback for feedback in seen if feedback.voltage == 12.0]) in {3, 4}
+
+
+def test_a_servo_that_lets_go_on_a_line_with_no_time_for_two_questions_is_a_loss() -> None:
+    bus = SlowBus(servos(2), 57600, delay=0.002)
+    backend = backends.make(robot(2, 57600))
+    backend.identify(bus)
+    backend.enable(bus, {})
+    bus.device.reboot(2)
+    begin = time.monotonic()
+    with pytest.raises(LineLostError, match="id 2 has let go: it has started anew"):
+        wait_until(lambda: False, TURN_OF_HEALTH, "loss", lambda: tick(backend, bus))
+    assert time.monotonic() - begin < 1.2
 
 
 def test_positions_come_back_from_a_port(tmp_path: Path) -> None:

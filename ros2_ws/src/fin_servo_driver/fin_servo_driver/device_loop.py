@@ -317,11 +317,14 @@ class DeviceLoop:
         self.health = replace(self.health, ticks=self.health.ticks + 1)
 
     def _listen(self, line: StoppableLine, now: float) -> None:
-        self._feedback = feedback = self._backend.read(line)
+        feedback = self._backend.read(line)
         if feedback.voltage is not None or feedback.temperature is not None:
             self.health = replace(self.health, voltage=feedback.voltage, temperature=feedback.temperature)
         if feedback.fault:
             self._note_fault(feedback.fault)
+        if not feedback.positions_asked:
+            return  # where the servos stand is known from the tick before
+        self._feedback = feedback
         if self._tail.phase is Phase.DISARMED:
             return
         servos = self._backend.robot.servos

@@ -41,12 +41,14 @@ class Feedback:
         voltage: V.
         temperature: Of the hottest servo, degrees Celsius.
         fault: What the device complains about.
+        positions_asked: Whether positions were asked for; a slow line has no time for all questions in one tick.
     """
 
     positions: Mapping[int, float] = field(default_factory=dict)
     voltage: float | None = None
     temperature: float | None = None
     fault: str = ""
+    positions_asked: bool = True
 
 
 NOTHING = Feedback()

@@ -82,11 +82,18 @@ _PATIENCE_AT_REST = 0.02
 """s beyond the time of the bytes, where no tick waits: also for an adapter that hands bytes on late."""
 
 
+def tick_seconds(baud: int, servos: int, *answers: float) -> float:
+    """Return how long goals take on a line, and one question after another with answers of so many bytes a servo."""
+    seconds = (_SYNC_BYTES + _GOAL_BYTES * servos) * _BITS_A_BYTE / baud
+    for length in answers:
+        read = _SYNC_BYTES + servos + (_STATUS_BYTES + length) * servos
+        seconds += read * _BITS_A_BYTE / baud + _ADAPTER_DELAY + servos * _RETURN_DELAY
+    return seconds
+
+
 def highest_rate(baud: int, servos: int) -> float:
     """Return how many set-points a second a line carries with the positions that are read back, 0 for too few."""
-    goals = _SYNC_BYTES + _GOAL_BYTES * servos
-    question, answers = _SYNC_BYTES + servos, (_STATUS_BYTES + _POSITION_BYTES_MEAN) * servos
-    tick = (goals + question + answers) * _BITS_A_BYTE / baud + _ADAPTER_DELAY + servos * _RETURN_DELAY
+    tick = tick_seconds(baud, servos, _POSITION_BYTES_MEAN)
     return next((rate for rate in _RATES if tick <= _LOAD / rate), 0.0)
 
 
@@ -186,11 +193,14 @@ class Dynamixel(Backend):
             )
             raise ValueError(msg)
         self._wait = _LOAD_AT_WORST / self.rate
+        longest = (max(_POSITION_BYTES), max(length for _, length in _HEALTH))
+        self._asks_both = tick_seconds(self._baud, len(self._servos), *longest) <= _LOAD_AT_WORST / self.rate
         self._packets = Protocol2PacketHandler()
         self._port: SdkPort | None = None
         self._under_force = False
         self._heard: dict[int, float] = {}
         self._asked_health = 0.0
+        self._knows_positions = False
         self._turn = 0
         self._is_asking = False
         self._random = random.SystemRandom()
@@ -325,6 +335,7 @@ class Dynamixel(Backend):
         """Clear and arm the bus watchdog, and switch the torque on; the servo then holds where it stands."""
         del neutral  # the driver leads the tail there from where it stands, at the joint's rate
         self._under_force = True  # before it is: what fails half-way must show
+        self._knows_positions = False  # somebody may have moved them
         for servo in self._servos:
             self._write(line, servo, BUS_WATCHDOG, 0)
             self._write(line, servo, TORQUE_ENABLE, 1)
@@ -395,14 +406,21 @@ class Dynamixel(Backend):
     def read(self, line: Line) -> Feedback:
         """Read all positions; once a second also whether the servos have force, their errors, voltage, temperature.
 
+        Where a tick has no time for both, the positions are left out of the three ticks a second with another question.
+
         Raises:
             LineLostError: A servo has fallen silent, or has let go by itself.
         """
+        is_due = self._clock.monotonic() - self._asked_health >= _HEALTH_EVERY
+        if is_due and not self._asks_both and self._knows_positions:
+            self._knows_positions = False
+            return replace(self._health(line), positions_asked=False)
+        self._knows_positions = True
         answers = self._ask_positions(line)
         self._note_answers(answers)
         told = {servo: int.from_bytes(data[:4], "little", signed=True) for servo, data in answers.items()}
         positions = {servo: float(ticks) for servo, ticks in told.items() if _LOWEST_TOLD <= ticks <= _HIGHEST_TOLD}
-        health = self._health(line) if self._clock.monotonic() - self._asked_health >= _HEALTH_EVERY else NOTHING
+        health = self._health(line) if is_due and self._asks_both else NOTHING
         strange = [f"id {servo} stands at {told[servo]}, outside a turn" for servo in told.keys() - positions.keys()]
         faults = [*strange, *([health.fault] if health.fault else [])]
         return replace(health, positions=positions, fault="; ".join(faults))
