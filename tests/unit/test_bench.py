@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -11,14 +12,31 @@ from fin_bringup import bench, mujoco_fish
 from fin_bringup.throughput import Throughput
 from fin_sim import swim
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
-def test_operations_are_counted_and_the_profile_adds_up() -> None:
+
+def test_operations_are_counted_and_the_profile_is_that_of_the_times_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken = iter((4.0, 1.0, 0.25))  # s: a batch, one of hardly a step, multiplications and additions alone
+
+    def core_time(work: Callable[[], object], repeats: int) -> float:
+        assert repeats == 1
+        work()
+        return next(taken)
+
+    monkeypatch.setattr(bench, "core_time", core_time)
     counted = bench.operations()
     assert counted["multiply"] > 300
     assert counted["square_root"] == 1
     figures = bench.profile(bench.Sizes(1, (1,), (1,), (1e-3,), 1))
-    assert 0.0 < figures["share_of_limit"] < 1.0
-    assert figures["set_up_us_per_swim"] < figures["core_us_per_swim"]
+    swims, steps = 4.0 / figures["core_us_per_swim"] * 1e6, round(bench.DURATION * 56 * 0.9)
+    assert swims == bench._MANY
+    assert figures["set_up_us_per_swim"] == pytest.approx(1e6 / swims)
+    assert figures["ns_per_step_of_a_fish"] == pytest.approx(3e9 / swims / steps, rel=1e-2)
+    done = sum(counted.values()) * steps * swims
+    assert figures["gflops"] == pytest.approx(done / 3.0 / 1e9, rel=1e-2)
+    assert figures["gflops_limit"] == pytest.approx(2 * 16 * 64 * 100_000 / 0.25 / 1e9)
+    assert figures["share_of_limit"] == pytest.approx(figures["gflops"] / figures["gflops_limit"])
 
 
 def test_lanes_are_within_a_thousandth_and_time_a_swim() -> None:
