@@ -31,7 +31,7 @@ def test_the_table_names_its_command_and_counts_the_ticks_of_the_driver(ros_doma
     assert header.startswith("| device | lateness p50, ms |")
     found = re.fullmatch(r"\| firmata \|( \d+\.\d\d \|){3} (\d+) of (\d+) \| \d+ % of a core \| -?\d+ \|", row)
     assert found, row
-    assert 50 <= int(found[3]) <= 250
+    assert int(found[3]) > 0
 
 
 @pytest.mark.long

@@ -81,10 +81,15 @@ class Terminal:
         )
 
     def confirm(self, step: str) -> None:
-        """Read a step, and press Enter for it."""
+        """Read a step, and press Enter for it; again where the step was put on the screen anew meanwhile."""
         self.wait_for(step)
-        time.sleep(CALM)  # what is tested is that less does not count
-        self.press("\r")
+
+        def press() -> None:
+            time.sleep(CALM)  # what is tested is that less does not count
+            if step in self.screen():
+                self.press("\r")
+
+        wait_until(lambda: step not in self.screen(), 20.0, lambda: f"an end of {step}:\n{self.screen()}", press)
 
     def restored(self) -> bool:
         """Whether the terminal echoes and waits for whole lines again, as before."""
@@ -160,9 +165,7 @@ def test_an_enter_that_bounces_does_not_arm_the_robot(terminal: Terminal, client
     terminal.confirm("Press Enter to open the port")
     terminal.wait_for("Mount this fin")
     time.sleep(CALM)
-    for _ in range(20):  # a key held down
-        terminal.press("\r")
-        time.sleep(0.1)
+    terminal.press(20 * "\r")  # a key held down; what lies between its repetitions is tested with the program's clock
     terminal.wait_for("Hands off the tail")
     client.spin(CALM)
     state = client.state()

@@ -64,13 +64,23 @@ class RobotClient(PlantClient):
         """Open the port, again where a good device's answers come too late: an emulated one shares the processor."""
         self.wait_until(lambda: self.change_state(CONFIGURE), "an open port")
 
+    def activate(self) -> None:
+        """Arm, again where the machine has kept the device waiting."""
+        self.wait_until(lambda: self.change_state(ACTIVATE), "an armed driver")
+
     def make_ready(self) -> None:
         """Configure, mount the fin asked for, arm."""
         self.configure()
-        self.wait_for_state(State.WAITING_FOR_FIN)
-        assert self.confirm_fin().success
-        assert self.change_state(ACTIVATE), self.reason()
-        self.wait_for_state(State.READY)
+        self.wait_until(lambda: self.confirm_fin().success, "a mounted fin")
+        self.activate()
+        self.wait_until(self._stands_ready, "a plant that is ready")
+
+    def _stands_ready(self) -> bool:
+        """Whether the plant is ready; the mark is owed where the machine has kept the device waiting meanwhile."""
+        state = self.state()
+        if state is not None and state.details["waiting_for"] == "mark":
+            self.confirm_mark()
+        return state is not None and state.state is State.READY
 
     def reason(self) -> str:
         """Return the reason in the newest plant_state."""
