@@ -19,6 +19,8 @@ HEAD = """# Parameters
 Every parameter of every node, written by `make pages` from the tables that the nodes declare them from. Units are SI.
 Give them at the start (`-p name:=value` after `--ros-args`, or `name:=value` to the launch file), change those that are
 not *fixed* with `ros2 param set`. A value outside its range is refused and the node keeps the last good one.
+A study goes on only with the fish that it was begun with: with the same values of its plant's parameters, but for the
+fin's and those that *may differ within a study*.
 What `ros2 param dump` writes starts the same node again (`--ros-args --params-file`).
 
 Lists of which each entry belongs to one of another list, as a profile's heights to its positions, may be set in any
@@ -33,6 +35,7 @@ def rows(parameters: Iterable[Parameter]) -> Iterable[str]:
     yield "|---|---|---|---|---|"
     for parameter in parameters:
         fixed = " *Fixed while the node runs.*" if parameter.read_only else ""
+        fixed += "" if parameter.decides_swim else " *May differ within a study.*"
         meaning = f"{parameter.description} {parameter.reason}".strip().replace("|", "\\|") + fixed
         cells = (f"`{parameter.name}`", parameter.unit, parameter.shown_default, parameter.allowed, meaning)
         yield f"| {' | '.join(cells)} |"

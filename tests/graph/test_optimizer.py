@@ -20,10 +20,11 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.commands.score_bag import score_bag
-from fin_optimizer.study.study import read_trials
+from fin_optimizer.study.study import read_ledger, read_trials
 from fin_optimizer.trial.plant_client import PlantClient as OptimizersClient
 from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
+from fin_plant.fin import FIN_PARAMETERS, node_table
 from fin_plant.gait import PAPER_GAIT, Gait
 from fin_plant.messages import plant_state_message
 from fin_plant.plant_state import PlantState, State
@@ -157,6 +158,8 @@ def test_a_short_study_runs_to_its_end_and_leaves_everything(start: Start, folde
     assert (folder / "speed_over_modulus.png").read_bytes().startswith(b"\x89PNG")
     for row in rows:
         check_bag(folder, row)
+    fish = read_ledger(folder)[1]
+    assert fish.keys() == {"plant", *node_table("fin_sim", "simulator").deciding_swims} - FIN_PARAMETERS.keys()
 
 
 def check_bag(folder: Path, row: dict[str, str]) -> None:
@@ -322,7 +325,7 @@ def test_a_study_is_not_gone_on_with_by_another_fish(start: Start, folder: Path,
     assert other.wait(60) == 1
     expected = f"error: the study was begun with another fish: body.drag_area is {area} there and {2.0 * area} here"
     assert expected in other.output()
-    assert client.set_parameters({"body.drag_area": area}).successful
+    assert client.set_parameters({"body.drag_area": area, "command_timeout": 4.0}).successful
     assert start_optimizer(start, folder, "trials:=2", *SHORT).wait(60) == 0
     assert [row["outcome"] for row in table(folder)] == ["OK", "INTERRUPTED", "OK"]
     assert table(folder)[1][MODULUS] == table(folder)[2][MODULUS]

@@ -11,6 +11,8 @@ from fin_optimizer.commands import score_bag, show_study
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import Plan
 from fin_optimizer.study.study import Study, read_trials
+from fin_plant.fin import node_table
+from fin_plant.node_parameters import decides_swim, descriptor
 from support.source_tree import SOURCE
 
 if TYPE_CHECKING:
@@ -61,3 +63,13 @@ def test_it_is_gone_on_with(study: Path) -> None:
 def test_it_is_shown(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert show_study.main([str(study)]) == 0
     assert "0.6858 GPa" in capsys.readouterr().out
+
+
+def test_its_fish_is_the_simulators_of_today(study: Path) -> None:
+    entries = node_table("fin_sim", "simulator")
+    told = entries.checked({"speed": 0.0, "publish_clock": False, "command_timeout": 5.0})
+    deciding = {name for name, entry in entries.items() if decides_swim(name, descriptor(entry).description)}
+    fish = {"plant": "simulator", **{name: value for name, value in told.items() if name in deciding}}
+    with Study.open(study, Plan(OPTIMIZER_PARAMETERS.checked(SETTINGS)).settings) as opened:
+        assert opened.meet(fish) == []
+        assert opened.meet({**fish, "drive.ramp_time": 0.6}) == ["drive.ramp_time is 0.5 there and 0.6 here"]

@@ -27,6 +27,8 @@ _TYPES = {
 }
 _NUMBERS = {"double": float, "integer": int}
 _LISTS = {"double_array": "double", "string_array": "string"}
+_DECIDES_NO_SWIM = "may differ within a study"
+"""Ends the description of a plant's parameter that decides no swim, for readers and for `decides_swim`."""
 # Declared by rclpy itself on every node.
 _OWN_BY_RCLPY = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
@@ -72,7 +74,19 @@ def descriptor(parameter: Parameter) -> ParameterDescriptor:
         result.integer_range = [limits]
     if parameter.kind == "double" and bounded:
         result.description += f", {describe_range(parameter.minimum, parameter.maximum)}"
+    if not parameter.decides_swim:
+        result.description += f"; {_DECIDES_NO_SWIM}"
     return result
+
+
+def decides_swim(name: str, description: str) -> bool:
+    """Whether a plant's parameter is one of the fish: with another value of it the same fin swims otherwise.
+
+    Args:
+        name: Of the parameter; the fin's own are no part of the fish.
+        description: From its descriptor.
+    """
+    return not name.startswith((*_OWN_BY_RCLPY, "fin.")) and not description.endswith(_DECIDES_NO_SWIM)
 
 
 def create_node(name: str) -> Node:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 Value = float | int | bool | str | list[float] | list[str]
 Kind = Literal["double", "integer", "bool", "string", "double_array", "string_array"]
 _KINDS: tuple[Kind, ...] = ("double", "integer", "bool", "string", "double_array", "string_array")
-_FIELDS = {"type", "unit", "default", "range", "choices", "one_for_each", "description", "reason", "read_only"}
+_NEEDED = {"type", "default", "description"}
+_FIELDS = _NEEDED | {"unit", "range", "choices", "one_for_each", "reason", "read_only", "decides_swim"}
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,7 @@ class Parameter:
 
     Attributes:
         one_for_each: Name of the list of which each entry has one here; empty for a value that stands for itself.
+        decides_swim: Whether a fish with another value swims otherwise, of a plant's parameter.
     """
 
     name: str
@@ -44,6 +46,7 @@ class Parameter:
     one_for_each: str = ""
     reason: str = ""
     read_only: bool = False
+    decides_swim: bool = True
 
     @property
     def allowed(self) -> str:
@@ -143,6 +146,11 @@ class ParameterTable(dict[str, Parameter]):
                 apart |= dict.fromkeys(names, f"lists that need as many entries as each other: {shown}")
         return apart
 
+    @property
+    def deciding_swims(self) -> ParameterTable:
+        """The parameters with another value of which a fish swims otherwise."""
+        return ParameterTable({name: entry for name, entry in self.items() if entry.decides_swim})
+
     def group(self, prefix: str) -> ParameterTable:
         """Return the parameters whose names start with ``prefix`` and a dot."""
         return ParameterTable({name: entry for name, entry in self.items() if name.startswith(prefix + ".")})
@@ -150,7 +158,7 @@ class ParameterTable(dict[str, Parameter]):
 
 def _parameter(source: str, name: str, entry: object) -> Parameter:
     where = f"{source}: {name}"
-    if not isinstance(entry, dict) or not {"type", "default", "description"} <= entry.keys() <= _FIELDS:
+    if not isinstance(entry, dict) or not _NEEDED <= entry.keys() <= _FIELDS:
         msg = f"{where} needs type, default and description, and knows only {', '.join(sorted(_FIELDS))}"
         raise ValueError(msg)
     if entry["type"] not in _KINDS:
@@ -169,6 +177,7 @@ def _parameter(source: str, name: str, entry: object) -> Parameter:
         one_for_each=entry.get("one_for_each", ""),
         reason=" ".join(str(entry.get("reason", "")).split()),
         read_only=bool(entry.get("read_only", False)),
+        decides_swim=bool(entry.get("decides_swim", True)),
     )
     parameter.check(parameter.default)
     return parameter

@@ -54,8 +54,6 @@ _LARGEST_BACKLOG = topics.STREAM.depth // 2
 _ASKED_BACKLOG = _LARGEST_BACKLOG // 2
 _ACKNOWLEDGE_WAIT = Duration(seconds=0.02)
 _HANGING_AFTER = 2.0
-# With these changed, a swim under way is still the same one.
-_NO_MATTER_TO_THE_FISH = {"speed", "publish_clock", "command_timeout"}
 _NO_WAIT = Duration(seconds=0.0)
 
 
@@ -184,7 +182,7 @@ class Simulator:
     def _parameters_changed(self, values: Mapping[str, Value]) -> None:
         changed = {name for name, value in values.items() if value != self._values[name]}
         self._values = dict(values)
-        if self._state is State.SWIMMING and changed <= _NO_MATTER_TO_THE_FISH:
+        if self._state is State.SWIMMING and changed.isdisjoint(PARAMETERS.deciding_swims):
             self._say_state()
             return
         body = self._fish_state[: dynamics.BODY_STATES].copy()

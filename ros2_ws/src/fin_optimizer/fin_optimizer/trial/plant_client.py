@@ -6,7 +6,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.srv import GetParameters, SetParametersAtomically
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.duration import Duration
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import Trigger
@@ -15,10 +15,11 @@ from fin_optimizer.trial.trial import Reply
 from fin_plant import topics
 from fin_plant.discovery import NAME_TO_COME
 from fin_plant.messages import gait_from_message, gait_message, plant_state_from_message
+from fin_plant.node_parameters import decides_swim
 from fin_plant.plant_state import State
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Mapping
 
     from diagnostic_msgs.msg import DiagnosticArray
     from rclpy.client import Client
@@ -53,7 +54,7 @@ class PlantClient:
         changed: Something new has come; the owner sets it back.
         velocity_trouble: What the estimator of the velocity complained about last; the owner sets it back.
         applied: The gait that the plant said last it follows, None before; the owner sets it back.
-        parameters: What `ask_parameters` learnt, by name, None before the answer has come.
+        parameters: What `ask_parameters` learnt, by name, None before the answers have come.
     """
 
     def __init__(self, node: Node, namespace: str) -> None:
@@ -64,7 +65,7 @@ class PlantClient:
         self.changed = False
         self.parameters: dict[str, Value] | None = None
         self.applied: Gait | None = None
-        self._newest: dict[Client, Future] = {}
+        self._newest: dict[Client | None, Future] = {}
         self._node = node
         self._plants: list[str] = []
         self._publishers: frozenset[str] = frozenset()
@@ -72,6 +73,8 @@ class PlantClient:
         self._name = ""
         self._set_parameters: Client | None = None
         self._request_reset: Client | None = None
+        self._list_parameters: Client | None = None
+        self._describe_parameters: Client | None = None
         self._get_parameters: Client | None = None
         self._gait = node.create_publisher(topics.GAIT.type, topics.GAIT.name_in(namespace), topics.GAIT.qos)
         self._gait_is_new = False
@@ -138,7 +141,7 @@ class PlantClient:
         return [str(client.service_name) for client in clients if not client.service_is_ready()]
 
     def _connect(self, name: str) -> None:
-        for client in (self._set_parameters, self._request_reset, self._get_parameters):
+        for client in (self._set_parameters, self._request_reset, *self._of_parameters):
             if client is not None:
                 self._node.destroy_client(client)
         self._newest.clear()
@@ -147,7 +150,13 @@ class PlantClient:
             SetParametersAtomically, f"{name}/{topics.SET_PARAMETERS_SERVICE}"
         )
         self._request_reset = self._node.create_client(Trigger, f"{name}/{topics.REQUEST_RESET_SERVICE}")
+        self._list_parameters = self._node.create_client(ListParameters, f"{name}/list_parameters")
+        self._describe_parameters = self._node.create_client(DescribeParameters, f"{name}/describe_parameters")
         self._get_parameters = self._node.create_client(GetParameters, f"{name}/get_parameters")
+
+    @property
+    def _of_parameters(self) -> tuple[Client | None, ...]:
+        return self._list_parameters, self._describe_parameters, self._get_parameters
 
     def set_fin(self, fin: Mapping[str, Value]) -> None:
         """Ask for this fin, all its parameters at once; `fin_reply` will tell."""
@@ -170,15 +179,28 @@ class PlantClient:
 
         self._call(self._request_reset, Trigger.Request(), note)
 
-    def ask_parameters(self, names: Sequence[str]) -> None:
-        """Ask for these parameters; `parameters` will tell those that the plant has."""
+    def ask_parameters(self) -> None:
+        """Ask for the parameters that decide how the fish swims, the fin excepted; `parameters` will tell them."""
         self.parameters = None
+        for client in self._of_parameters:
+            self._newest.pop(client, None)  # answers to an earlier question
+        descriptions: dict[str, str] = {}
 
-        def note(response: Any) -> None:
+        def note_names(response: Any) -> None:
+            names = sorted(response.result.names)
+            self._call(self._describe_parameters, DescribeParameters.Request(names=names), note_descriptions)
+
+        def note_descriptions(response: Any) -> None:
+            found = {entry.name: entry.description for entry in response.descriptors}
+            descriptions.update({name: text for name, text in found.items() if decides_swim(name, text)})
+            self._call(self._get_parameters, GetParameters.Request(names=list(descriptions)), note_values)
+
+        def note_values(response: Any) -> None:
             values = [parameter_value_to_python(value) for value in response.values]
-            self.parameters = {name: value for name, value in zip(names, values, strict=False) if value is not None}
+            told = zip(descriptions, values, strict=False)
+            self.parameters = {name: value for name, value in told if value is not None}
 
-        self._call(self._get_parameters, GetParameters.Request(names=list(names)), note)
+        self._call(self._list_parameters, ListParameters.Request(), note_names)
 
     def _call(self, client: Client | None, request: Any, note: Any) -> None:
         if client is None:

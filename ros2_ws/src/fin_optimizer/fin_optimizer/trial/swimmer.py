@@ -12,7 +12,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Float64
 
 from fin_optimizer.bags.messages import BagError, decode
-from fin_optimizer.parameters import PLANT_LIMITS, SIMULATOR_PARAMETERS
 from fin_optimizer.score.mean_speed import NotThisSwimError, ScoreError
 from fin_optimizer.score.swim import scored_swim, start_of_swim
 from fin_optimizer.trial.facts import Observation
@@ -44,8 +43,6 @@ _FAST_LOOK_PERIOD = 0.002
 """s, while a plant swims far faster than real time: it must not go on long after its window."""
 _MOMENT = 3.0
 """s after which a person is told that the fish waits; an emulated operator answers within one."""
-_NO_PART_OF_THE_FISH = ("speed", "publish_clock", "command_timeout")
-"""Parameters of a plant that change nothing in a swim."""
 _MANY = 20
 """Messages at one look that tell such a plant; in real time some ten come in a look period."""
 
@@ -240,7 +237,7 @@ class Lane:
     def _carry_out(self, action: Action, trial: Trial) -> None:
         match action:
             case Action.SET_FIN:
-                self.plant.ask_parameters(tuple(SIMULATOR_PARAMETERS if self._facts.is_simulated else PLANT_LIMITS))
+                self.plant.ask_parameters()
                 self.plant.set_fin(trial.fin)
             case Action.RESET | Action.RECOVER:
                 self.plant.request_reset()
@@ -261,8 +258,7 @@ class Lane:
     def _fish(self) -> dict[str, object]:
         """Return what swims, as far as the plant has told: all that decides a swim, the fin and the gait excepted."""
         kind = {"plant": self.plant.state.plant} if self.plant.state is not None else {}
-        told = self.plant.parameters or {}
-        return {**kind, **{name: value for name, value in told.items() if name not in _NO_PART_OF_THE_FISH}}
+        return {**kind, **(self.plant.parameters or {})}
 
     def _compare_fish(self) -> None:
         if self.plant.parameters is not None and self._facts.other_fish is None:
