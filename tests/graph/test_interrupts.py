@@ -25,7 +25,7 @@ LONG_SWEEP = ("--sweep", "fin.length=0.06:0.10:4000", "--csv", "sweep.csv")
 ARGUMENTS = {
     "bench": ("--repeats", "50"),
     "bringup": ("trials:=20", "study_folder:=study", "disk.minimum_free:=0"),
-    "calibrate_servo": (str(ROOT / "ros2_ws/src/fin_servo_driver/fin_servo_driver/robots/dynamixel.yaml"),),
+    "calibrate_servo": (str(ROOT / "ros2_ws/src/fin_servo_driver/config/dynamixel.yaml"),),
     "control": ("pause",),
     "export": ("study",),
     "optimizer": ("--ros-args", "-p", "study_folder:=study", "-p", "disk.minimum_free:=0"),

@@ -209,7 +209,7 @@ def _robots(values: Mapping[str, str], count: int) -> list[dict[str, str]]:
     advice = "give one for each, in their order, like robot_file:=[a.yaml,b.yaml]"
     if not any(files):
         msg = (
-            "plant:=robot needs robot_file:=my_robot.yaml: copy an example from fin_servo_driver/robots, write your "
+            "plant:=robot needs robot_file:=my_robot.yaml: copy an example from fin_servo_driver/config, write your "
             "port into it, and calibrate each servo (docs/robot.md)"
         )
         raise ValueError(msg)

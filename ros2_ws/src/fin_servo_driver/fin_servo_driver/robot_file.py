@@ -198,8 +198,17 @@ class Robot:
 
 def examples() -> list[str]:
     """Return the names of the example files that come with the package."""
-    folder = resources.files("fin_servo_driver") / "robots"
-    return sorted(entry.name.removesuffix(".yaml") for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+    return sorted(path.stem for path in _examples_folder().glob("*.yaml"))
+
+
+def _examples_folder() -> Path:
+    """Return the folder config of this very package: beside its source, or of its installation."""
+    beside = Path(str(resources.files("fin_servo_driver"))).parent / "config"
+    if beside.is_dir():
+        return beside
+    from ament_index_python import get_package_share_directory  # noqa: PLC0415 - a workspace that is linked needs no ROS
+
+    return Path(get_package_share_directory("fin_servo_driver")) / "config"
 
 
 def find(name: str) -> Path:
@@ -213,7 +222,7 @@ def find(name: str) -> Path:
         msg = f"robot_file is empty: give the path of your robot's YAML file, or an example to start from ({known})"
         raise ValueError(msg)
     if name in examples():
-        return Path(str(resources.files("fin_servo_driver") / "robots" / f"{name}.yaml"))
+        return _examples_folder() / f"{name}.yaml"
     path = given_path(name)
     if not path.is_file():
         msg = f"robot_file = {name}: there is no such file, and no example of that name ({known})"
