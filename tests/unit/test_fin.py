@@ -84,11 +84,31 @@ def test_a_profile_runs_through_its_points() -> None:
     assert LEAF.area == pytest.approx(LEAF.length * (0.3 * 0.015 + 0.6 * 0.035 + 0.1 * 0.03))
 
 
-@pytest.mark.parametrize("fin", [Fin(tip_height=0.04), LEAF])
-def test_a_fin_is_scaled_to_an_area(fin: Fin) -> None:
-    scaled = fin.with_area(2e-3)
-    assert scaled.area == pytest.approx(2e-3)
-    assert scaled.height / fin.height == pytest.approx(scaled.tip_height / fin.tip_height)
+ONE_POINT = ProfiledFin(height=0.02, tip_height=0.02, profile_position=(0.5,), profile_height=(0.055,))
+
+
+def test_a_fin_of_another_length_has_its_area_whatever_its_profile() -> None:
+    """30 cm^2 of 8 cm with a point in its middle: at 5 and 12 cm too, its heights in proportion."""
+    assert ONE_POINT.area == pytest.approx(30e-4, rel=1e-14)
+    short, long = ONE_POINT.at_length(0.05), ONE_POINT.at_length(0.12)
+    assert (short.length, long.length) == (0.05, 0.12)
+    assert [short.area, long.area] == pytest.approx([30e-4, 30e-4], rel=1e-14)
+    assert short.heights == pytest.approx((0.032, 0.088, 0.032), rel=1e-14)
+    assert long.heights == pytest.approx((0.02 / 1.5, 0.055 / 1.5, 0.02 / 1.5), rel=1e-14)
+
+
+@pytest.mark.parametrize("fin", [Fin(), Fin(tip_height=0.04, density=900.0, segments=7, young_modulus=2e9), LEAF])
+def test_all_else_of_a_fin_of_another_length_stays(fin: Fin) -> None:
+    assert fin.at_length(fin.length) == fin
+    longer = fin.at_length(0.1).as_parameters()
+    others = {name: value for name, value in fin.as_parameters().items() if "height" not in name}
+    assert longer | others == longer | {"fin.length": fin.length}
+
+
+@pytest.mark.parametrize(("length", "name"), [(0.0, "fin.length"), (math.nan, "fin.length"), (0.006, "fin.height")])
+def test_a_length_at_which_the_fin_cannot_be_is_refused(length: float, name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name} = "):
+        Fin(height=0.1, tip_height=0.1).at_length(length)
 
 
 def test_a_profiled_fin_and_its_parameters_are_the_same_thing() -> None:

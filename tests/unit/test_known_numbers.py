@@ -90,6 +90,5 @@ def test_streams_are_recorded_until_half_a_second_after_the_window() -> None:
 def test_the_model_of_the_campaign_is_that_of_the_simulator(length: float) -> None:
     moduli = np.array([0.8e9, 1.6e9, 3.2e9])
     batch = model_speeds({MODULUS: moduli, LENGTH: np.full(3, length)})
-    height = Fin().area / length
-    fins = [Fin(young_modulus=modulus, length=length, height=height, tip_height=height) for modulus in moduli]
+    fins = [Fin(young_modulus=modulus).at_length(length) for modulus in moduli]
     assert batch == pytest.approx([mathematical_model(fin) for fin in fins], rel=2e-3)

@@ -11,9 +11,9 @@ import pytest
 
 SAY = """
 import sys
-from fin_plant.output import outlast_the_reader
+from fin_plant.output import go_on_when_output_closes
 
-outlast_the_reader()
+go_on_when_output_closes()
 sys.{stream}.write("a line\\n")
 sys.stdin.read()
 """

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from fin_bringup import study_nodes
 from fin_plant import ros_environment
 from fin_plant.node_help import screen_width, wrap
-from fin_plant.output import outlast_the_reader
+from fin_plant.output import go_on_when_output_closes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -280,7 +280,7 @@ def usage(width: int) -> str:
 
 def main() -> int:
     """Run the command."""
-    outlast_the_reader()
+    go_on_when_output_closes()
     words = sys.argv[1:]
     if {"-h", "--help"} & set(words):
         sys.stdout.write(usage(screen_width()) + "\n")

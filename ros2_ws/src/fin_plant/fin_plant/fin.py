@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -118,15 +118,14 @@ class Fin:
         }
         return f"fin {', '.join(text for name, text in told.items() if name not in without)}"
 
-    def with_area(self, area: float) -> Fin:
-        """Return the fin with all heights scaled so that its side area is ``area`` m^2.
+    def at_length(self, length: float) -> Fin:
+        """Return the fin at another length in m with the same side area, all its heights scaled alike.
 
         Raises:
-            ValueError: An area that asks for heights outside their range.
+            ValueError: A length, or heights that follow from it, outside their range.
         """
-        checks.number("fin area", area, 0.0, unit="m^2", exclusive_minimum=True)
-        factor = area / self.area
-        return replace(self, height=factor * self.height, tip_height=factor * self.tip_height)
+        FIN_PARAMETERS["fin.length"].check(length)
+        return Fin.from_parameters(scaled_to_area({**self.as_parameters(), "fin.length": length}, self.area))
 
     def shaped(self, shape: str) -> Fin:
         """Return the fin of the same length and area with straight edges of a named shape, see `SHAPES`.
@@ -160,9 +159,10 @@ class Fin:
 
 
 def scaled_to_area(parameters: Mapping[str, Any], area: float) -> dict[str, Any]:
-    """Return a fin's parameters with all heights scaled so that its side area is ``area`` m^2.
+    """Return fins' parameters with all heights scaled so that the side area is ``area`` m^2, the profile's too.
 
-    Nothing is checked: whether the fin can be is judged by the plant that gets it.
+    Nothing is checked: whether the fin can be is judged by the plant that gets it. For many fins a value may be an
+    array, shape (n,).
     """
     positions = (0.0, *parameters["fin.profile_position"], 1.0)
     heights = (parameters["fin.height"], *parameters["fin.profile_height"], parameters["fin.tip_height"])
@@ -240,18 +240,3 @@ class ProfiledFin(Fin):
         """Return distance in m behind the root, and height, of the profile's points inside (start, end) m."""
         points = ((self.length * at, d) for at, d in zip(self.profile_position, self.profile_height, strict=True))
         return tuple((distance, height) for distance, height in points if start < distance < end)
-
-    def with_area(self, area: float) -> ProfiledFin:
-        """Return the fin with all heights scaled so that its side area is ``area`` m^2.
-
-        Raises:
-            ValueError: An area that asks for heights outside their range.
-        """
-        checks.number("fin area", area, 0.0, unit="m^2", exclusive_minimum=True)
-        factor = area / self.area
-        return replace(
-            self,
-            height=factor * self.height,
-            tip_height=factor * self.tip_height,
-            profile_height=tuple(factor * height for height in self.profile_height),
-        )

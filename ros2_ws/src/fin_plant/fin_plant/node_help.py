@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from fin_plant.executables import description
 from fin_plant.fin import node_table
-from fin_plant.output import outlast_the_reader
+from fin_plant.output import go_on_when_output_closes
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -81,7 +81,7 @@ def answer(package: str, entry: EntryPoint) -> bool:
         table = node_table(package, entry.name)
     except FileNotFoundError:
         return False
-    outlast_the_reader()
+    go_on_when_output_closes()
     print(usage(package, entry.name, description(entry), table, screen_width()))  # noqa: T201
     sys.stdout.flush()
     return True

@@ -19,7 +19,7 @@ from rclpy.utilities import remove_ros_args
 from threadpoolctl import threadpool_limits
 
 from fin_plant import ros_environment
-from fin_plant.output import outlast_the_reader
+from fin_plant.output import go_on_when_output_closes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -124,7 +124,7 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
         closed) or 0 then if END_BY_SIGNAL_IS_SUCCESS is set, 2 for a start value that is refused (its message goes to
         stderr).
     """
-    outlast_the_reader()
+    go_on_when_output_closes()
     if args is None:
         with _one_line_for_what_ros_refuses():
             words = remove_ros_args(sys.argv)

@@ -1,14 +1,23 @@
-"""What a process says while it works, to a reader that may go away: a pipe, a terminal, a file on a full disk."""
+"""What a process does when its reader has gone, a pipe, a terminal, or a file on a full disk: it ends, or goes on."""
 
 from __future__ import annotations
 
 import io
 import os
+import signal
 import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Buffer
+
+
+def end_when_output_closes() -> None:
+    """Let this process end at the next write after its reader has gone, as ``head`` goes, without a traceback.
+
+    For a command's own process only: whoever calls its ``main`` with arguments keeps its own handling.
+    """
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
 
 
 class _Output(io.FileIO):
@@ -23,7 +32,7 @@ class _Output(io.FileIO):
             return size
 
 
-def outlast_the_reader() -> None:
+def go_on_when_output_closes() -> None:
     """Let this process go on with its work, whatever becomes of its standard output and standard error.
 
     For what moves a robot or keeps a study: it must end in its own way, not at a write. Streams that somebody has put

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from fin_plant.node_help import screen_width, wrap
-from fin_plant.pipe import end_with_the_reader
+from fin_plant.output import end_when_output_closes
 from fin_sim.materials import MATERIALS_FILE, materials
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def _json(entries: Sequence[Material]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0."""
     if arguments is None:
-        end_with_the_reader()
+        end_when_output_closes()
     parser = argparse.ArgumentParser(prog="materials", description=__doc__.replace("``", ""))
     parser.add_argument("--json", action="store_true", help="as JSON, in Pa and kg/m^3, instead of a table")
     options = parser.parse_args(arguments)

@@ -12,8 +12,8 @@ from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.report import varied
 from fin_optimizer.study.study import candidates, read_settings, read_trials
 from fin_optimizer.words import with_unit
+from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
-from fin_plant.pipe import end_with_the_reader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -95,7 +95,7 @@ def export(study: Path, folder: Path) -> list[Path]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Export a study; return 0, or 2 if it cannot be."""
     if arguments is None:
-        end_with_the_reader()
+        end_when_output_closes()
         # Optuna turns the journal's times into local ones, which cannot tell the hour that a change of clocks repeats.
         os.environ["TZ"] = "UTC"
         time.tzset()

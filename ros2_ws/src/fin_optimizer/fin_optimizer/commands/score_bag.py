@@ -27,8 +27,8 @@ from fin_optimizer.study.journal import StudyError
 from fin_optimizer.words import trial_name
 from fin_plant import checks
 from fin_plant.fin import FIN_PARAMETERS
+from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
-from fin_plant.pipe import end_with_the_reader
 from fin_plant.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Of a study, the bags of trials without a score are told and left out, and the other scores must be the journal's.
     """
     if arguments is None:
-        end_with_the_reader()
+        end_when_output_closes()
     parser = _parser()
     words = parser.parse_args(arguments)
     as_table = words.csv or words.json

@@ -15,8 +15,8 @@ from fin_optimizer.study.study import SETTINGS_FILE, Objective, candidates, fast
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import in_words, show_number, trial_name
 from fin_plant.figures import FORMATS, check_picture
+from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
-from fin_plant.pipe import end_with_the_reader
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -176,7 +176,7 @@ def _title(settings: Settings, trials: Sequence[TrialRecord]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a study; return 0, 1 if a picture of it could not be drawn, 2 if there is no study."""
     if arguments is None:
-        end_with_the_reader()
+        end_when_output_closes()
     parser = argparse.ArgumentParser(prog="show_study", description="Show a study's fins, the best first.")
     parser.add_argument("study", type=given_path, nargs="?", metavar="STUDY", help="its folder; it may be under way")
     parser.add_argument("--all", action="store_true", help="every fin, not only the best 20")

@@ -19,7 +19,7 @@ from fin_optimizer.search.genetic import Generation, GeneticAlgorithm
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Evaluation, Space
 from fin_plant import checks
-from fin_plant.fin import Fin
+from fin_plant.fin import Fin, scaled_to_area
 from fin_plant.gait import PAPER_GAIT
 from fin_sim import PAPER_FISH, swim_batch
 
@@ -123,8 +123,9 @@ def shaped(values: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.fl
     """Return the columns of fins of the paper fin's area with these stiffnesses and lengths."""
     paper = Fin()
     length = np.asarray(values.get(LENGTH, np.full(values[MODULUS].shape, paper.length)))
-    height = paper.area / length
-    return {"young_modulus": values[MODULUS], "length": length, "height": height, "tip_height": height}
+    fins = scaled_to_area({**paper.as_parameters(), LENGTH: length}, paper.area)
+    heights = {name: fins[f"fin.{name}"] for name in ("height", "tip_height")}
+    return {"young_modulus": values[MODULUS], "length": length, **heights}
 
 
 def speeds(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -218,9 +218,8 @@ def _beside(ours: float, theirs: float) -> str:
 
 
 def _hinge(modulus: float, length: float) -> float:
-    height = Fin().area / length
-    segment = Fin(young_modulus=modulus, length=length, height=height, tip_height=height)
-    return segment.hinge_stiffness(length / segment.segments)
+    fin = Fin(young_modulus=modulus).at_length(length)
+    return fin.hinge_stiffness(length / fin.segments)
 
 
 def rows(results: Mapping[Run, Table]) -> list[Row]:
