@@ -15,7 +15,7 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
 from fin_optimizer.bags.reader import read_bag
-from fin_optimizer.study.study import read_trials
+from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
 from fin_plant.messages import time_message

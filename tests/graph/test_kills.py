@@ -13,7 +13,8 @@ import pytest
 from fin_optimizer.bags.integrity import MAGIC_SIZE
 from fin_optimizer.bags.reader import is_closed, read_bag
 from fin_optimizer.commands.score_bag import score_bag
-from fin_optimizer.study.study import candidates, read_trials
+from fin_optimizer.study.candidate import candidates
+from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
 from support.shared_memory import remove_stale_segments
 from support.waiting import wait_until
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from fin_optimizer.study.study import TrialRecord
+    from fin_optimizer.study.candidate import TrialRecord
     from support.processes import StartedProcess
 
     Start = Callable[..., StartedProcess]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rclpy.node import NodeNameNonExistentError
 
-from fin_optimizer.study.study import read_trials
+from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
 from fin_plant.fin import Fin

@@ -11,7 +11,10 @@ import pytest
 
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.commands.score_bag import cost_of_transport, score_bag
-from fin_optimizer.study.study import Objective, candidates, front, read_settings, read_trials
+from fin_optimizer.study.candidate import candidates, front
+from fin_optimizer.study.folder import read_settings
+from fin_optimizer.study.records import read_trials
+from fin_optimizer.study.settings import Objective
 from fin_optimizer.trial.result import Outcome
 from fin_plant.messages import gait_message
 from fin_plant.plant_state import State
@@ -21,7 +24,7 @@ from support.waiting import wait_until
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from fin_optimizer.study.study import TrialRecord
+    from fin_optimizer.study.candidate import TrialRecord
     from support.processes import StartedProcess
 
     Start = Callable[..., StartedProcess]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.study.study import Settings, Study
+from fin_optimizer.study.ledger import Study
+from fin_optimizer.study.settings import Settings
 
 if TYPE_CHECKING:
     from multiprocessing.queues import Queue

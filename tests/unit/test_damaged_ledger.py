@@ -13,8 +13,11 @@ from hypothesis import HealthCheck, given, settings, strategies
 
 from fin_optimizer.commands import export, score_bag, show_study
 from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.folder import JOURNAL_FILE, SETTINGS_FILE, read_settings
 from fin_optimizer.study.journal import END_FILE, StudyError
-from fin_optimizer.study.study import JOURNAL_FILE, SETTINGS_FILE, Policy, Settings, Study, read_settings, read_trials
+from fin_optimizer.study.ledger import Study
+from fin_optimizer.study.records import read_trials
+from fin_optimizer.study.settings import Policy, Settings
 from fin_optimizer.trial.result import Outcome, Result
 from support.damage import damaged
 from support.old_studies import take_off_check_sums
@@ -23,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from fin_optimizer.study.study import TrialRecord
+    from fin_optimizer.study.candidate import TrialRecord
 
 MODULUS, LENGTH = "fin.young_modulus", "fin.length"
 SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"), Dimension(LENGTH, 0.05, 0.12, "m")))
@@ -40,7 +43,7 @@ RESULTS = [
 def make_study(folder: Path, results: list[Result] = RESULTS, *, bags: bool = True) -> Path:
     """Begin a study and make its trials; the bags are empty folders, which is all that the ledger looks at."""
     with Study.create(folder, SETTINGS) as study:
-        study.meet({"plant": "simulator"})
+        study.keep_or_compare({"plant": "simulator"})
         for number, result in enumerate(results, start=len(study.trials)):
             record = study.start(study.propose(number, {MODULUS: 1e9 + 1e8 * number, LENGTH: 0.08}, "/fish").number)
             if bags:

@@ -14,8 +14,11 @@ from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.commands.repair_bags import repair_bag
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.folder import JOURNAL_FILE
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.study.study import JOURNAL_FILE, Settings, Study, read_trials
+from fin_optimizer.study.ledger import Study
+from fin_optimizer.study.records import read_trials
+from fin_optimizer.study.settings import Settings
 from fin_optimizer.trial.result import Outcome, Result
 from support.bags import START, STEP, VELOCITY, velocity
 

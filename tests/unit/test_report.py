@@ -12,8 +12,11 @@ import pytest
 
 from fin_optimizer import progress, words
 from fin_optimizer.search.space import Dimension, Space
-from fin_optimizer.study import report
-from fin_optimizer.study.study import Candidate, Settings, TrialRecord, candidates
+from fin_optimizer.study import drawing, report
+from fin_optimizer.study.candidate import Candidate, TrialRecord, candidates
+from fin_optimizer.study.folder import FIGURE_FILE
+from fin_optimizer.study.settings import Settings
+from fin_optimizer.study.simulated_curve import speed_over_range
 from fin_optimizer.trial.result import Outcome
 from fin_plant.fin import Fin
 
@@ -84,18 +87,18 @@ def test_a_table_is_replaced_as_a_whole(tmp_path: Path) -> None:
 
 
 def test_the_sweep_spans_the_whole_range() -> None:
-    values, speeds = report.sweep(RANGE, lambda modulus: modulus / 1e11, points=5)
+    values, speeds = speed_over_range(RANGE, lambda modulus: modulus / 1e11, points=5)
     assert (values[0], values[-1], len(values)) == (RANGE.minimum, RANGE.maximum, 5)
     assert speeds == [value / 1e11 for value in values]
 
 
 @pytest.mark.parametrize("with_curve", [True, False])
 def test_the_figure_is_drawn_with_and_without_a_curve(tmp_path: Path, with_curve: bool) -> None:
-    curve = report.sweep(RANGE, lambda modulus: 0.02 + modulus / 1e12, points=5) if with_curve else None
-    path = tmp_path / report.FIGURE_FILE
-    report.write_figure(path, TRIALS, best(), RANGE, curve=curve, title="a fin")
+    curve = speed_over_range(RANGE, lambda modulus: 0.02 + modulus / 1e12, points=5) if with_curve else None
+    path = tmp_path / FIGURE_FILE
+    drawing.draw_speed(path, TRIALS, best(), RANGE, simulated=curve, title="a fin")
     assert path.read_bytes().startswith(b"\x89PNG")
-    report.write_figure(path, [], None, RANGE)
+    drawing.draw_speed(path, [], None, RANGE)
     assert path.read_bytes().startswith(b"\x89PNG")
 
 

@@ -11,8 +11,10 @@ import pytest
 
 from fin_optimizer.commands.score_bag import score_bag
 from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.ledger import Study
+from fin_optimizer.study.records import read_trials
 from fin_optimizer.study.resume_check import check_scores
-from fin_optimizer.study.study import Settings, Study, read_trials
+from fin_optimizer.study.settings import Settings
 from fin_optimizer.trial.result import Outcome, Result
 from support.bags import write_swim
 from support.old_studies import take_off_check_sums

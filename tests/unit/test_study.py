@@ -15,18 +15,12 @@ from optuna.visualization import matplotlib as plots
 
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.candidate import Candidate, is_for_another
 from fin_optimizer.study.checked_journal import CheckedJournal
+from fin_optimizer.study.folder import JOURNAL_FILE, SETTINGS_FILE, read_settings
 from fin_optimizer.study.journal import END_FILE, StudyError
-from fin_optimizer.study.study import (
-    JOURNAL_FILE,
-    SETTINGS_FILE,
-    Candidate,
-    Policy,
-    Settings,
-    Study,
-    is_for_another,
-    read_settings,
-)
+from fin_optimizer.study.ledger import Study
+from fin_optimizer.study.settings import Policy, Settings
 from fin_optimizer.trial.result import Outcome, Result
 from support.simultaneous_studies import begin_together
 
@@ -237,8 +231,8 @@ def test_a_fish_swims_on_while_a_fin_that_failed_on_it_waits_for_another_one(fol
     def waits(candidate: Candidate) -> bool:
         return is_for_another(candidate, "a", ["a", "b"])
 
-    assert study.next_candidate(SEARCH, passes=waits) == (1, study.next_candidate(SEARCH, passes=lambda _: True)[1])  # type: ignore[index]
-    assert study.next_candidate(SEARCH, 1, passes=waits) is None
+    assert study.next_candidate(SEARCH, is_left=waits) == (1, study.next_candidate(SEARCH, is_left=lambda _: True)[1])  # type: ignore[index]
+    assert study.next_candidate(SEARCH, 1, is_left=waits) is None
     assert following(study)[0] == 0
 
 
@@ -290,19 +284,19 @@ def test_an_interruption_stays_one_where_the_disk_refuses_half_of_it(
 def test_the_first_fish_met_is_the_studys_and_another_one_is_named(folder: Path) -> None:
     study = Study.create(folder, SETTINGS)
     fish = {"plant": "simulator", "body.mass": 0.1 + 0.2, "reactive": "elongated_body"}
-    assert study.meet(fish) == []
+    assert study.keep_or_compare(fish) == []
     study.close()
     again = Study.open(folder, SETTINGS)
-    assert again.meet(fish) == []
-    assert again.meet(fish | {"body.mass": 1.0}) == ["body.mass is 0.30000000000000004 there and 1.0 here"]
-    assert again.meet({"plant": "robot"})[0] == "plant is simulator there and robot here"
-    assert again.meet(fish) == [], "the study's fish stays the one it was"
+    assert again.keep_or_compare(fish) == []
+    assert again.keep_or_compare(fish | {"body.mass": 1.0}) == ["body.mass is 0.30000000000000004 there and 1.0 here"]
+    assert again.keep_or_compare({"plant": "robot"})[0] == "plant is simulator there and robot here"
+    assert again.keep_or_compare(fish) == [], "the study's fish stays the one it was"
 
 
 @pytest.mark.filterwarnings("ignore::optuna.exceptions.ExperimentalWarning")
 def test_optunas_own_plots_work_on_the_journal(folder: Path) -> None:
     study = Study.create(folder, SETTINGS)
-    study.meet({"plant": "simulator", "peduncle.length": [0.1, 0.2]})
+    study.keep_or_compare({"plant": "simulator", "peduncle.length": [0.1, 0.2]})
     for result in (None, FAILED, None, INFEASIBLE, None):
         swim(study, result)
     backend = optuna.storages.journal.JournalFileBackend(str(folder / JOURNAL_FILE))

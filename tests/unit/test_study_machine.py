@@ -21,17 +21,11 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
 from fin_optimizer.search.space import Dimension, Evaluation, Space
+from fin_optimizer.study.candidate import Candidate, front, is_for_another
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.study.study import (
-    Candidate,
-    Objective,
-    Policy,
-    Settings,
-    Study,
-    front,
-    is_for_another,
-    read_trials,
-)
+from fin_optimizer.study.ledger import Study
+from fin_optimizer.study.records import read_trials
+from fin_optimizer.study.settings import Objective, Policy, Settings
 from fin_optimizer.trial.result import Outcome, Result
 
 if TYPE_CHECKING:
@@ -149,7 +143,7 @@ class Studies(RuleBasedStateMachine):
         def left(candidate: Candidate) -> bool:
             return is_for_another(candidate, plant, PLANTS)
 
-        return self.study.next_candidate(self.search, TOTAL, passes=left)
+        return self.study.next_candidate(self.search, TOTAL, is_left=left)
 
     # What happens.
 

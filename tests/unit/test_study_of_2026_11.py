@@ -10,7 +10,8 @@ import pytest
 from fin_optimizer.commands import score_bag, show_study
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import Plan
-from fin_optimizer.study.study import Study, read_trials
+from fin_optimizer.study.ledger import Study
+from fin_optimizer.study.records import read_trials
 from fin_plant.fin import node_table
 from fin_plant.node_parameters import decides_swim, descriptor
 from support.source_tree import SOURCE
@@ -71,5 +72,5 @@ def test_its_fish_is_the_simulators_of_today(study: Path) -> None:
     deciding = {name for name, entry in entries.items() if decides_swim(name, descriptor(entry).description)}
     fish = {"plant": "simulator", **{name: value for name, value in told.items() if name in deciding}}
     with Study.open(study, Plan(OPTIMIZER_PARAMETERS.checked(SETTINGS)).settings) as opened:
-        assert opened.meet(fish) == []
-        assert opened.meet({**fish, "drive.ramp_time": 0.6}) == ["drive.ramp_time is 0.5 there and 0.6 here"]
+        assert opened.keep_or_compare(fish) == []
+        assert opened.keep_or_compare({**fish, "drive.ramp_time": 0.6}) == ["drive.ramp_time is 0.5 there and 0.6 here"]

@@ -31,8 +31,11 @@ from fin_optimizer.search.genetic import GeneticAlgorithm
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
 from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.study.candidate import front
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.study.study import Objective, Policy, Settings, Study, front, read_trials
+from fin_optimizer.study.ledger import Study
+from fin_optimizer.study.records import read_trials
+from fin_optimizer.study.settings import Objective, Policy, Settings
 from fin_optimizer.trial.result import Outcome, Result
 from support.bags import (
     JOINTS,

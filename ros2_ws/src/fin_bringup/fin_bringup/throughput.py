@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
+from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.study.study import read_settings, read_trials
+from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
 
 if TYPE_CHECKING:

@@ -21,11 +21,12 @@ from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import Plan
 from fin_optimizer.progress import display, show_best
 from fin_optimizer.study import report
+from fin_optimizer.study.candidate import front, is_for_another
+from fin_optimizer.study.folder import FIGURE_FILE, FRONT_FILE
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.study.picture import draw_study
+from fin_optimizer.study.pictures import draw_study
 from fin_optimizer.study.provenance import provenance
 from fin_optimizer.study.resume_check import check_scores
-from fin_optimizer.study.study import front, is_for_another
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.swimmer import Lane
 from fin_optimizer.words import show_speed, show_values
@@ -85,7 +86,9 @@ class Optimizer:
         self._start_at = time.monotonic() + _DISCOVERY
         self._metadata = self._study_metadata()
         namespaces = self._plan.plants or [self.node.get_namespace()]
-        self._lanes = [Lane(self.node, each, self._plan, self._metadata, self._study.meet) for each in namespaces]
+        self._lanes = [
+            Lane(self.node, each, self._plan, self._metadata, self._study.keep_or_compare) for each in namespaces
+        ]
         self._left_out: dict[str, str] = {}
         self._left_out_at = 0.0
         self._offer()
@@ -198,8 +201,8 @@ class Optimizer:
             if missing := shortage(self._study.folder, self._plan.number("disk.minimum_free")):
                 self._give_up(missing)
                 return _IDLE_PERIOD
-            passes = partial(is_for_another, plant=lane.namespace, plants=self._taking_part())
-            following = self._study.next_candidate(self._plan.search, self._total, passes=passes)
+            is_left = partial(is_for_another, plant=lane.namespace, plants=self._taking_part())
+            following = self._study.next_candidate(self._plan.search, self._total, is_left=is_left)
             if following is None:  # what it depends on is still swimming
                 continue
             record = self._study.propose(*following, lane.namespace)
@@ -346,7 +349,7 @@ class Optimizer:
                 self._display.say(f"  {words}")
 
     def _results(self) -> Sequence[str]:
-        names = (report.CSV_FILE, report.FIGURE_FILE, report.FRONT_FILE, "journal.log", "bags")
+        names = (report.CSV_FILE, FIGURE_FILE, FRONT_FILE, "journal.log", "bags")
         return [name for name in names if (self._study.folder / name).exists()]
 
     def _write_report(self) -> None:
@@ -358,7 +361,7 @@ class Optimizer:
             self._display.say(f"error: the report in {folder} cannot be written: {error.strerror or error}")
         if study.best() is None:
             return
-        for failure in draw_study(folder / report.FIGURE_FILE, study.settings, study.trials, study.fish)[1]:
+        for failure in draw_study(folder / FIGURE_FILE, study.settings, study.trials, study.fish)[1]:
             self._display.say(f"warning: {failure}")
 
     def _write_table(self) -> None:

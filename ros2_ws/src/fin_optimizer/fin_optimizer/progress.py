@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from rich.progress import TaskID
 
-    from fin_optimizer.study.study import Candidate, TrialRecord
+    from fin_optimizer.study.candidate import Candidate, TrialRecord
 
 _REDRAWS_PER_SECOND = 8.0
 _SLOW_SECONDS = 1.0

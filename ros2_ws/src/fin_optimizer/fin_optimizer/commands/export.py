@@ -8,9 +8,11 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
+from fin_optimizer.study.candidate import candidates
+from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.records import read_trials
 from fin_optimizer.study.report import varied
-from fin_optimizer.study.study import candidates, read_settings, read_trials
 from fin_optimizer.words import with_unit
 from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
@@ -19,7 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from fin_optimizer.study.study import Candidate, Settings, TrialRecord
+    from fin_optimizer.study.candidate import Candidate, TrialRecord
+    from fin_optimizer.study.settings import Settings
 
 CSV_FILE = "study.csv"
 PARQUET_FILE = "study.parquet"

@@ -39,12 +39,12 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fin_optimizer.bags.reader import Bag
-    from fin_optimizer.study.study import TrialRecord
+    from fin_optimizer.study.candidate import TrialRecord
 
     _Scored = tuple[Path, Mapping[str, float], Mapping[str, str]]
     """A bag, what its trial achieved by name and unit, and its metadata."""
 
-_JOURNAL_FILE = "journal.log"  # as fin_optimizer.study.study names it, which needs Optuna
+_JOURNAL_FILE = "journal.log"  # as fin_optimizer.study.folder names it, which needs Optuna
 _SETTINGS_FILE = "study.json"  # likewise
 _OBJECTIVE_KEY, _OBJECTIVE_WITH_COST = "study.objective", "speed_and_cost_of_transport"  # likewise
 _SPEED, _SPREAD, _COST = "speed (m/s)", "spread (m/s)", "cost of transport (J/m)"
@@ -282,7 +282,7 @@ def _trials(path: Path) -> tuple[dict[Path, TrialRecord], str]:
     if not (path / _JOURNAL_FILE).exists() and not (path / _SETTINGS_FILE).exists():
         return {}, ""
     # Optuna takes a third of a second, which only a study's scores spend.
-    from fin_optimizer.study.study import read_trials  # noqa: PLC0415
+    from fin_optimizer.study.records import read_trials  # noqa: PLC0415
 
     try:
         return {path / trial.bag: trial for trial in read_trials(path)}, ""

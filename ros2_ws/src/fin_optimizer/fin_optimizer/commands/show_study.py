@@ -10,8 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.progress import show_best
-from fin_optimizer.study.report import FIGURE_FILE, varied
-from fin_optimizer.study.study import SETTINGS_FILE, Objective, candidates, fastest, front, read_ledger, read_settings
+from fin_optimizer.study.candidate import candidates, fastest, front
+from fin_optimizer.study.folder import FIGURE_FILE, SETTINGS_FILE, read_settings
+from fin_optimizer.study.records import read_ledger
+from fin_optimizer.study.report import varied
+from fin_optimizer.study.settings import Objective
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import in_words, show_number, trial_name
 from fin_plant.figures import FORMATS, check_picture
@@ -24,7 +27,8 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-    from fin_optimizer.study.study import Candidate, Settings, TrialRecord
+    from fin_optimizer.study.candidate import Candidate, TrialRecord
+    from fin_optimizer.study.settings import Settings
 
 
 _NO_PATH = Path()
@@ -219,7 +223,7 @@ def _draw(path: Path, settings: Settings, trials: Sequence[TrialRecord], fish: M
     if all(trial.score is None for trial in trials):
         sys.stderr.write(f"error: {path} is not drawn: no trial has a score yet\n")
         return 1
-    from fin_optimizer.study.picture import draw_study  # noqa: PLC0415  (likewise)
+    from fin_optimizer.study.pictures import draw_study  # noqa: PLC0415  (likewise)
 
     drawn, failures = draw_study(path, settings, trials, fish)
     sys.stdout.writelines(f"picture: {each}\n" for each in drawn)

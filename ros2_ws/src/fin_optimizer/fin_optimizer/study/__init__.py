@@ -1,11 +1,15 @@
 """A study: what was tried, what came of it, and what people are shown of it.
 
-settings         what decides candidates and scores, written once
-study            the ledger: an Optuna study in a journal on the disk
+settings         what decides candidates and scores, and the text of `study.json`
+folder           begins and locks a study's folder, whole or not at all
 journal          the journal's lines, whole or not at all
 checked_journal  the same with check sums, as Optuna reads it
-report           table and figures
-picture          which figures a study gets
+candidate        a candidate, its trials, and what follows from them
+records          the trials that a journal tells of, checked
+ledger           `Study`: proposes, notes and resumes; an Optuna study in the journal
+report           table of all trials
+pictures         which pictures a study gets
+drawing          how they are drawn
 simulated_curve  the simulator's speed behind the trials
 resume_check     whether the scores of a study still follow from its bags
 provenance       which versions swam

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from fin_optimizer.study.study import TrialRecord
+    from fin_optimizer.study.candidate import TrialRecord
 
 LONGEST = 5.0
 """s that a person waits for it at most."""

@@ -1,17 +1,13 @@
-"""What must not change while a study goes on, and the file ``study.json`` that holds it, written once and locked."""
+"""What must not change while a study goes on, and the text of ``study.json`` that holds it, with its check sum."""
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import fcntl
 import json
-import os
 import re
 import uuid
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, TextIO, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from optuna.study import StudyDirection
 
@@ -23,13 +19,8 @@ from fin_plant.fin import AREA, scaled_to_area
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
 FORMAT = 1
-SETTINGS_FILE = "study.json"
-PARTIAL = ".partial"
-_NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS}
-"""What os.link says on vfat and exFAT, on CIFS, and in user space."""
 _CONTENT = ("format", "space", "policy", "objective", "details")
 """Entries of the settings file, beside those that tell this study from others and that it was not changed."""
 _ADDED = frozenset({AREA, "measurement.largest_speed", "measurement.largest_start_speed"})
@@ -176,98 +167,3 @@ def _check_unchanged(text: str, content: Mapping[str, object]) -> None:
     if found is not None or content.keys() != set(_CONTENT):
         msg = "it was changed after it was written, its check sum does not fit: restore it from a copy"
         raise StudyError(msg)
-
-
-def read_settings(folder: Path) -> Settings:
-    """Return the settings of the study in a folder; nothing is changed.
-
-    Raises:
-        StudyError: There is no study, it was damaged, or this version cannot read it.
-    """
-    return settings_and_sum(folder)[0]
-
-
-def settings_and_sum(folder: Path) -> tuple[Settings, str]:
-    """Return a study's settings and the check sum of their file; raises as `read_settings`."""
-    try:
-        text = (folder / SETTINGS_FILE).read_text(encoding="utf-8")
-        return Settings.from_json(text), check_sum(text.encode())
-    except (FileNotFoundError, NotADirectoryError):
-        msg = f"{folder} holds no study: {SETTINGS_FILE} is missing"
-        raise StudyError(msg) from None
-    except UnicodeDecodeError as error:
-        msg = f"{folder / SETTINGS_FILE} is damaged ({error}): restore it from a copy"
-        raise StudyError(msg) from error
-    except StudyError as error:
-        msg = f"{folder / SETTINGS_FILE}: {error}"
-        raise StudyError(msg) from error
-
-
-def begun_already(folder: Path) -> StudyError:
-    """Return the error of beginning a study where there is one."""
-    return StudyError(f"{folder} holds a study already: open it to go on with it, or choose another folder")
-
-
-def written_settings(folder: Path, settings: Settings) -> TextIO:
-    """Write the settings file, which must be new, and return it, locked: it appears whole and locked, or not at all.
-
-    Raises:
-        StudyError: Another process was quicker; its file is as it was.
-        OSError: The folder cannot be written.
-    """
-    final, partial = folder / SETTINGS_FILE, folder / f"{SETTINGS_FILE}.{uuid.uuid4().hex}{PARTIAL}"
-    with contextlib.ExitStack() as unless_all_is_well:
-        file = unless_all_is_well.enter_context(partial.open("x", encoding="utf-8"))
-        unless_all_is_well.callback(partial.unlink)
-        _lock(file, folder)
-        _write_through(file, settings.to_json())
-        try:
-            os.link(partial, final)
-        except FileExistsError:
-            raise begun_already(folder) from None
-        except OSError as error:
-            if error.errno not in _NO_HARD_LINKS:
-                raise
-            return _written_in_place(final, settings)
-        unless_all_is_well.pop_all()
-    partial.unlink()
-    return file
-
-
-def _written_in_place(final: Path, settings: Settings) -> TextIO:
-    """Do the same on a stick or a share without hard links; a kill meanwhile leaves a file that `open` refuses."""
-    with contextlib.ExitStack() as unless_all_is_well:
-        try:
-            file = unless_all_is_well.enter_context(final.open("x", encoding="utf-8"))
-        except FileExistsError:
-            raise begun_already(final.parent) from None
-        unless_all_is_well.callback(final.unlink)
-        _lock(file, final.parent)
-        _write_through(file, settings.to_json())
-        unless_all_is_well.pop_all()
-    return file
-
-
-def _write_through(file: TextIO, text: str) -> None:
-    file.write(text)
-    file.flush()
-    os.fsync(file.fileno())
-
-
-def locked(folder: Path) -> TextIO:
-    """Return the settings file, locked for this process until it is closed or the process ends."""
-    file = (folder / SETTINGS_FILE).open(encoding="utf-8")
-    try:
-        _lock(file, folder)
-    except StudyError:
-        file.close()
-        raise
-    return file
-
-
-def _lock(file: TextIO, folder: Path) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        msg = f"another optimiser is working on {folder}: stop it first, or choose another folder"
-        raise StudyError(msg) from None

@@ -8,12 +8,18 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from fin_optimizer.score.mean_speed import Measurement
+    from fin_optimizer.search.space import Dimension
     from fin_plant.fin import Fin
     from fin_plant.gait import Gait
     from fin_plant.parameters import Value
+
+    Curve = tuple[Sequence[float], Sequence[float]]
+    """Values of the parameter in SI units, and the speed in m/s at each."""
+
+_POINTS = 71
 
 
 def simulated_speed(
@@ -54,3 +60,9 @@ def simulated_speed(
         return float(np.trapezoid(result.surge[counted], result.time[counted]) / measurement.duration)
 
     return speed
+
+
+def speed_over_range(dimension: Dimension, speed: Callable[[float], float], points: int = _POINTS) -> Curve:
+    """Return the curve of ``speed`` (SI to m/s) over the whole range of a parameter."""
+    values = np.linspace(dimension.minimum, dimension.maximum, points)
+    return [float(value) for value in values], [speed(float(value)) for value in values]

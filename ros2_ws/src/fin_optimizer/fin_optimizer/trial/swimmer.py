@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rclpy.publisher import Publisher
 
     from fin_optimizer.plan import Plan
-    from fin_optimizer.study.study import TrialRecord
+    from fin_optimizer.study.candidate import TrialRecord
     from fin_plant.topics import Topic
 
 _GAIT_PERIOD = 0.25
@@ -74,7 +74,7 @@ class Lane:
             namespace: Of the fish, absolute.
             plan: What the study asks for.
             metadata: What describes the study, for every bag.
-            meet: Tells in what a fish differs from the study's, see `Study.meet`.
+            meet: Tells in what a fish differs from the study's, see `Study.keep_or_compare`.
         """
         self.namespace = namespace
         self.plant = PlantClient(node, namespace)

@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, cast
 
 from fin_optimizer.parameters import SIMULATOR
 from fin_optimizer.score.mean_speed import Measurement
-from fin_optimizer.study import report
-from fin_optimizer.study.simulated_curve import simulated_speed
-from fin_optimizer.study.study import Objective, candidates, fastest, front
+from fin_optimizer.study import drawing
+from fin_optimizer.study.candidate import candidates, fastest, front
+from fin_optimizer.study.folder import FIGURE_FILE, FRONT_FILE
+from fin_optimizer.study.settings import Objective
+from fin_optimizer.study.simulated_curve import simulated_speed, speed_over_range
 from fin_plant.figures import try_to_draw
 from fin_plant.fin import AREA, Fin
 from fin_plant.gait import carangiform
@@ -18,7 +20,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from fin_optimizer.study.study import Candidate, Settings, TrialRecord
+    from fin_optimizer.study.candidate import Candidate, TrialRecord
+    from fin_optimizer.study.settings import Settings
+    from fin_optimizer.study.simulated_curve import Curve
 
 _FREQUENCY, _AMPLITUDE = "gait.frequency", "gait.amplitude"
 _SETTLE, _DURATION = "measurement.settle", "measurement.duration"
@@ -41,10 +45,10 @@ def draw_study(
     tried = candidates(trials)
     wanted = {path: lambda: _draw_speed(path, settings, trials, fish)}
     if settings.objective is Objective.SPEED_AND_COST:
-        beside = path.with_name(report.FRONT_FILE).with_suffix(path.suffix)
-        if path.name != report.FIGURE_FILE:
+        beside = path.with_name(FRONT_FILE).with_suffix(path.suffix)
+        if path.name != FIGURE_FILE:
             beside = path.with_stem(f"{path.stem}_pareto_front")
-        wanted[beside] = lambda: report.write_front(beside, tried, front(tried), title=title(settings, tried))
+        wanted[beside] = lambda: drawing.draw_front(beside, tried, front(tried), title=title(settings, tried))
     failures = {each: try_to_draw(each, draw) for each, draw in wanted.items()}
     return [each for each, why in failures.items() if not why], [why for why in failures.values() if why]
 
@@ -54,13 +58,13 @@ def _draw_speed(path: Path, settings: Settings, trials: Sequence[TrialRecord], f
     best, heading = fastest(tried), title(settings, tried)
     first, *others = settings.space.dimensions
     if others:
-        report.write_map(path, tried, best, (first, others[0]), title=heading)
+        drawing.draw_map(path, tried, best, (first, others[0]), title=heading)
         return
-    curve = _curve(settings, fish)
-    report.write_figure(path, trials, best, first, curve=curve, title=heading)
+    simulated = _simulated(settings, fish)
+    drawing.draw_speed(path, trials, best, first, simulated=simulated, title=heading)
 
 
-def _curve(settings: Settings, fish: Mapping[str, object]) -> report.Curve | None:
+def _simulated(settings: Settings, fish: Mapping[str, object]) -> Curve | None:
     """Return the simulator's speed over what was searched, None where it was no simulator that swam."""
     details = cast("Mapping[str, float]", settings.details)
     if fish.get("plant") != SIMULATOR or not {_FREQUENCY, _AMPLITUDE, _SETTLE, _DURATION} <= details.keys():
@@ -74,7 +78,7 @@ def _curve(settings: Settings, fish: Mapping[str, object]) -> report.Curve | Non
         speed = simulated_speed(dimension.name, fin, gait, measurement, parameters)  # type: ignore[arg-type]
     except (LookupError, ValueError):  # an older version's simulator, which had other parameters
         return None
-    return report.sweep(dimension, speed)
+    return speed_over_range(dimension, speed)
 
 
 def title(settings: Settings, tried: Sequence[Candidate]) -> str:

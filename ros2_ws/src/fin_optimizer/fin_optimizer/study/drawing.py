@@ -1,0 +1,214 @@
+"""How a study is drawn: speed over one parameter, over two, and the Pareto front, from candidates and trials alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fin_optimizer.trial.result import Outcome
+from fin_optimizer.words import CM, MODULUS, in_words, show_speed, show_values
+from fin_plant.figures import empty_figure, own_style
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from fin_optimizer.search.space import Dimension
+    from fin_optimizer.study.candidate import Candidate, TrialRecord
+    from fin_optimizer.study.simulated_curve import Curve
+
+_MARKERS = {Outcome.FAILED: "x", Outcome.INTERRUPTED: "+", Outcome.INFEASIBLE: "|"}
+
+
+@own_style()
+def draw_speed(
+    path: Path,
+    trials: Sequence[TrialRecord],
+    best: Candidate | None,
+    dimension: Dimension,
+    *,
+    simulated: Curve | None = None,
+    title: str = "",
+) -> None:
+    """Draw the speed of every trial over one parameter, coloured by order, the best one marked.
+
+    Args:
+        path: Where to write the picture; an older one is replaced.
+        trials: All trials; those without a score are ticks at the bottom.
+        best: The best candidate.
+        dimension: The parameter of the horizontal axis.
+        simulated: The simulator's speed over that parameter, drawn behind the trials; None for a robot.
+        title: Heading, for example the fish and its gait.
+    """
+    factor = in_words(dimension.name)[1]
+    figure, axes = _axes(title)
+    if simulated is not None:
+        values, speeds = np.asarray(simulated[0]) / factor, np.asarray(simulated[1]) / CM
+        axes.plot(values, speeds, color="0.6", linewidth=2.0, label="simulator", zorder=1)
+    _draw_trials(axes, trials, dimension.name, factor)
+    if best is not None and best.score is not None:
+        _mark_best(axes, best, dimension, factor)
+    axes.set_xlabel(_label(dimension))
+    axes.set_ylabel("mean forward speed (cm/s)")
+    axes.set_xlim(*_limits(dimension))
+    _save(figure, axes, path)
+
+
+@own_style()
+def draw_map(
+    path: Path,
+    tried: Sequence[Candidate],
+    best: Candidate | None,
+    dimensions: tuple[Dimension, Dimension],
+    *,
+    title: str = "",
+) -> None:
+    """Draw every candidate of a study of two parameters at its place, its speed as colour, the best one marked.
+
+    Args:
+        path: Where to write the picture; an older one is replaced.
+        tried: All candidates; those without a score are red marks.
+        best: The best one.
+        dimensions: The parameters of the horizontal and of the vertical axis.
+        title: Heading.
+    """
+    figure, axes = _axes(title)
+    across, up = dimensions
+
+    def places(some: Sequence[Candidate]) -> tuple[list[float], list[float]]:
+        return tuple([c.values[d.name] / in_words(d.name)[1] for c in some] for d in dimensions)  # type: ignore[return-value]
+
+    scored = [candidate for candidate in tried if candidate.score is not None]
+    if scored:
+        speeds = [(candidate.score or 0.0) / CM for candidate in scored]
+        points = axes.scatter(
+            *places(scored), c=speeds, cmap="viridis", s=64.0, edgecolors="white", linewidths=0.5, zorder=3
+        )
+        if len(scored) > 1:
+            figure.colorbar(points, ax=axes, label="mean forward speed (cm/s)", pad=0.02)
+    for outcome, marker in _MARKERS.items():
+        without = [c for c in tried if c.score is None and c.trials[-1].outcome is outcome]
+        if without:
+            axes.plot(*places(without), marker, color="tab:red", label=f"{outcome.value} ({len(without)})", zorder=2)
+    if best is not None and best.score is not None:
+        _ring(axes, *places([best]), f"best: {show_values(best.values)}, {show_speed(best.score)}")
+    axes.set_xlabel(_label(across))
+    axes.set_ylabel(_label(up))
+    axes.set_xlim(*_limits(across))
+    axes.set_ylim(*_limits(up))
+    _save(figure, axes, path, below=True)
+
+
+@own_style()
+def draw_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidate], *, title: str = "") -> None:
+    """Draw speed and cost of transport of every candidate, those of the Pareto front joined.
+
+    Args:
+        path: Where to write the picture; an older one is replaced.
+        tried: All candidates; those without both numbers are left out.
+        front: Those of the front, the fastest first.
+        title: Heading.
+    """
+    figure, axes = _axes(title)
+    known = [(c.score / CM, c.cost) for c in tried if c.score is not None and c.cost is not None]
+    if known:
+        axes.plot(*zip(*known, strict=True), "o", color="0.6", markersize=4.0, label=f"fins ({len(known)})")
+    line = [(c.score / CM, c.cost) for c in front if c.score is not None and c.cost is not None]
+    if line:
+        axes.plot(*zip(*line, strict=True), "o-", color="tab:red", label=f"Pareto front ({len(line)})")
+    axes.set_xlabel("mean forward speed (cm/s)")
+    axes.set_ylabel("cost of transport (J/m)")
+    _save(figure, axes, path)
+
+
+def _draw_trials(axes: Axes, trials: Sequence[TrialRecord], name: str, factor: float) -> None:
+    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415  (loaded by `own_style` by now)
+
+    scored = [trial for trial in trials if trial.score is not None]
+    if scored:
+        points = axes.scatter(
+            [trial.values[name] / factor for trial in scored],
+            [(trial.score or 0.0) / CM for trial in scored],
+            c=[trial.number for trial in scored],
+            cmap="viridis",
+            s=36.0,
+            edgecolors="white",
+            linewidths=0.5,
+            label=f"trials ({len(scored)})",
+            zorder=3,
+        )
+        if len(scored) > 1:
+            axes.figure.colorbar(points, ax=axes, label="trial", pad=0.02, ticks=MaxNLocator(integer=True))
+    for outcome, marker in _MARKERS.items():
+        places = [trial.values[name] / factor for trial in trials if trial.outcome is outcome]
+        if places:
+            axes.plot(
+                places,
+                [0.02] * len(places),
+                marker,
+                color="tab:red",
+                transform=axes.get_xaxis_transform(),
+                label=f"{outcome.value} ({len(places)})",
+                zorder=2,
+            )
+
+
+def _mark_best(axes: Axes, best: Candidate, dimension: Dimension, factor: float) -> None:
+    score, value = best.score or 0.0, best.values[dimension.name]
+    label = f"best: {show_values({dimension.name: value})}, {show_speed(score)}"
+    _ring(axes, [value / factor], [score / CM], label)
+
+
+def _ring(axes: Axes, across: Sequence[float], up: Sequence[float], label: str) -> None:
+    axes.plot(
+        across,
+        up,
+        "o",
+        markersize=13.0,
+        markerfacecolor="none",
+        markeredgecolor="tab:red",
+        markeredgewidth=1.8,
+        linestyle="none",
+        label=label,
+        zorder=4,
+    )
+
+
+def _axes(title: str) -> tuple[Figure, Axes]:
+    figure = empty_figure(8.0, 5.0)
+    axes = figure.add_subplot()
+    axes.set_title(title, fontsize="medium")
+    axes.grid(visible=True, color="0.92")
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _label(dimension: Dimension) -> str:
+    word, _, unit = in_words(dimension.name)
+    name = "Young's modulus E" if dimension.name == MODULUS else word
+    return f"{name} ({unit})" if unit else name
+
+
+def _limits(dimension: Dimension) -> tuple[float, float]:
+    factor = in_words(dimension.name)[1]
+    margin = 0.02 * (dimension.maximum - dimension.minimum)
+    return (dimension.minimum - margin) / factor, (dimension.maximum + margin) / factor
+
+
+def _save(figure: Figure, axes: Axes, path: Path, *, below: bool = False) -> None:
+    """Write the picture with its legend, ``below`` the axes where no corner is free."""
+    if axes.get_legend_handles_labels()[0] and below:
+        figure.legend(frameon=False, loc="outside lower center", ncols=4)
+    elif axes.get_legend_handles_labels()[0]:
+        axes.legend(frameon=False, loc="best")
+    partial = path.with_name(f"{path.stem}.partial{path.suffix}")
+    try:
+        figure.savefig(partial)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
