@@ -127,7 +127,12 @@ def test_who_leaves_a_swimming_plant_waits_until_it_is_at_rest_or_gone(ros_domai
     plant.create_subscription(topics.GAIT.type, topics.GAIT.name, heard.append, topics.GAIT.qos)
     states = plant.create_publisher(topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos)
     subject = OptimizersClient(optimizer, topics.NAMESPACE)
-    wait_until(subject.publishers, 20, "the plant")
+
+    def publishers() -> frozenset[str]:
+        subject.look(time.monotonic())
+        return subject.publishers
+
+    wait_until(publishers, 20, "the plant")
     subject.send(PAPER_GAIT)
     states.publish(plant_state_message(PlantState(State.SWIMMING, "stub", 1)))
     subject.send(Gait.from_rows([[0.0, 0.9, 0.0, 0.0]]))
@@ -141,7 +146,7 @@ def test_who_leaves_a_swimming_plant_waits_until_it_is_at_rest_or_gone(ros_domai
     if not says:
         plant.destroy_publisher(states)
     leaving.join()
-    assert not subject.swims or not subject.publishers()
+    assert not subject.swims or not subject.publishers
     optimizer.destroy_node()
     plant.destroy_node()
     rclpy.shutdown(context=context)

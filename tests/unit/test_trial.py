@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,13 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fin_optimizer.score.mean_speed import Measurement
-from fin_optimizer.trial import trial as trial_module
+from fin_optimizer.trial.facts import LOOKED_UP, Facts, Reply
+from fin_optimizer.trial.phases import PHASES, Action, Rule, Timeouts, same_value
 from fin_optimizer.trial.result import Outcome, Result
-from fin_optimizer.trial.trial import PHASES, Action, Reply, Timeouts, Trial
+from fin_optimizer.trial.trial import Trial
 from fin_plant.plant_state import PlantState, State
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Container, Sequence
 
     from fin_plant.parameters import Value
 
@@ -29,34 +30,29 @@ TIMEOUTS = Timeouts(find=30.0, plant=10.0, reply=20.0, silence=5.0, people=0.0)
 OK = Result(Outcome.OK, score=0.02, samples=1000)
 
 
-@dataclass
 class Seen:
-    """The facts, as the test sets them."""
+    """The facts, as the test sets them; a snapshot of them holds what a phase looks up, and no more."""
 
-    plants: Sequence[str] = ()
-    publishers: frozenset[str] = frozenset({"first"})
-    missing_services: Sequence[str] = ()
-    plant: PlantState | None = None
-    fin_reply: Reply | None = None
-    reset_reply: Reply | None = None
-    other_fish: str | None = ""
-    cut_gait: str = ""
-    follows_a_gait: bool = False
-    other_gait: str = ""
-    tail_angle: float | None = 0.0
-    unmatched_topics: Sequence[str] = ("/fish/velocity",)
-    newest_velocity: int | None = None
-    velocities: int = 0
-    least_pace: float = 0.5
-    drift: float | None = 0.0
-    late_topics: Sequence[str] = ()
-    recorder_failure: str = ""
-    result: Result | None = None
-    deaf_to_gait: str = "nobody listens to topic /fish/gait"
+    def __init__(self) -> None:
+        self.__dict__.update({each.name: each.default for each in fields(Facts)})
+        self.publishers = frozenset({"first"})
+        self.other_fish: str | None = ""
+        self.tail_angle: float | None = 0.0
+        self.unmatched_topics: Sequence[str] = ("/fish/velocity",)
+        self.drift: float | None = 0.0
+        self.nothing_on = "nobody publishes topic {}; no other node is seen".format
+        self.deaf_to_gait = lambda: "nobody listens to topic /fish/gait"
 
-    def nothing_on(self, topic: str) -> str:
-        """Return what is said of a topic that nobody publishes."""
-        return f"nobody publishes topic {topic}; no other node is seen"
+    def __getattr__(self, name: str) -> Any:
+        raise AttributeError(name)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        assert name in Facts.__dataclass_fields__, name
+        super().__setattr__(name, value)
+
+    def facts(self, looks_up: Container[str]) -> Facts:
+        """Return what the swimmer would hand to the trial."""
+        return Facts(**{name: value for name, value in vars(self).items() if name not in LOOKED_UP or name in looks_up})
 
 
 def says(state: State, stamp: int, fin: dict[str, str]) -> PlantState:
@@ -102,7 +98,7 @@ class Rehearsal:
         phase = ""
         while self.trial.phase not in (phase, until) and self.trial.result is None:
             phase = self.trial.phase
-            self.actions += self.trial.update(self.now, self.seen)
+            self.actions += self.trial.update(self.now, self.seen.facts(self.trial.looks_up))
 
     def reach(self, phase: str) -> None:
         """Let the plant do what ends each phase, up to the beginning of this one."""
@@ -217,8 +213,27 @@ def test_a_plant_that_stops_without_a_reason_is_told_from_one_that_gives_one() -
     assert "without a reason: did the gait on /fish/gait reach it?" in rehearsal.failure
 
 
-def test_the_phases_that_may_want_velocity_are_phases() -> None:
-    assert set(trial_module.PHASES_OF_VELOCITY) < {phase.name for phase in PHASES}
+@pytest.mark.parametrize("rule", Rule)
+def test_a_rule_that_begins_to_hold_holds_to_the_end(rule: Rule) -> None:
+    """What happens to a plant is never undone; the fish alone stops to swim, and velocities come in parts."""
+    holds = [rule in phase.rules for phase in PHASES]
+    if rule in Rule.WHOLE_GAIT | Rule.SWIMS | Rule.VELOCITY:
+        assert any(holds)
+        assert not all(holds)
+    else:
+        assert holds == sorted(holds)
+        assert not holds[0]
+        assert holds[-1]
+
+
+def test_what_a_phase_looks_up_is_a_fact_and_every_such_fact_is_looked_up_by_one_phase() -> None:
+    assert {field.name for field in fields(Facts)} > LOOKED_UP
+    assert sorted(fact for phase in PHASES for fact in phase.looks_up) == sorted(LOOKED_UP)
+
+
+def test_nobody_writes_into_the_facts() -> None:
+    with pytest.raises(AttributeError):
+        Facts().drift = 0.0  # type: ignore[misc]
 
 
 def test_every_phase_that_waits_for_the_plant_is_in_the_list_above() -> None:
@@ -238,7 +253,7 @@ def test_cancelling_in_any_phase_switches_the_gait_off_and_closes_the_bag(phase:
     assert rehearsal.trial.result.outcome is Outcome.INTERRUPTED
     assert f"in phase '{phase}': somebody pressed Ctrl-C" in rehearsal.failure
     assert rehearsal.trial.cancel("again") == []
-    assert rehearsal.trial.update(rehearsal.now, rehearsal.seen) == []
+    assert rehearsal.trial.update(rehearsal.now, rehearsal.seen.facts(LOOKED_UP)) == []
 
 
 @pytest.mark.parametrize("phase", [phase.name for phase in PHASES][2:])
@@ -305,7 +320,7 @@ def test_a_fault_of_an_earlier_trial_is_cleared_first() -> None:
     ],
 )
 def test_the_fin_mounted_is_compared_value_by_value(said: str, value: Any, same: bool) -> None:
-    assert trial_module._same(said, value) is same
+    assert same_value(said, value) is same
 
 
 def test_a_refused_fin_is_infeasible_with_the_plants_reason() -> None:

@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from fin_optimizer.announcer import Announcer
 from fin_optimizer.bags.disk_space import shortage
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.commands.repair_bags import repair_bags
@@ -28,7 +29,7 @@ from fin_optimizer.study.pictures import draw_study
 from fin_optimizer.study.provenance import provenance
 from fin_optimizer.study.resume_check import check_scores
 from fin_optimizer.trial.result import Outcome, Result
-from fin_optimizer.trial.swimmer import Lane
+from fin_optimizer.trial.swimmer import Conditions, Swimmer
 from fin_optimizer.words import show_speed, show_values
 from fin_plant import node_process, topics
 from fin_plant.messages import key_values
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 
     from rclpy.publisher import Publisher
 
+    from fin_optimizer.study.candidate import TrialRecord
     from fin_plant.topics import Topic
 
 _HEALTH_PERIOD = 1.0
@@ -86,13 +88,17 @@ class Optimizer:
         self._start_at = time.monotonic() + _DISCOVERY
         self._metadata = self._study_metadata()
         namespaces = self._plan.plants or [self.node.get_namespace()]
-        self._lanes = [
-            Lane(self.node, each, self._plan, self._metadata, self._study.keep_or_compare) for each in namespaces
+        self._swimmers = [
+            Swimmer.of(self.node, each, self._conditions(), self._plan.number("disk.minimum_free"))
+            for each in namespaces
         ]
+        self._announcers = {each: Announcer(self.node, each) for each in namespaces}
+        self._records: dict[Swimmer, TrialRecord] = {}
+        self._unwritten: dict[Swimmer, Result] = {}
         self._left_out: dict[str, str] = {}
         self._left_out_at = 0.0
         self._offer()
-        self._display = display(sys.stdout, self._total, self._study.settled(), several=len(self._lanes) > 1)
+        self._display = display(sys.stdout, self._total, self._study.settled(), several=len(self._swimmers) > 1)
         self._greet()
 
     @property
@@ -164,23 +170,25 @@ class Optimizer:
             self._health_due = now + _HEALTH_PERIOD
             self._publish_health()
         wait = _IDLE_PERIOD
-        for lane in self._lanes:
-            wait = min(wait, lane.advance(now))
-            if lane.trial is not None and lane.trial.result is not None:
-                self._end_trial(lane, lane.trial.result)
-        busy = [lane for lane in self._lanes if lane.trial is not None]
+        for swimmer in self._swimmers:
+            if result := swimmer.advance(now):
+                self._unwritten[swimmer] = result
+                self._end_trials()
+                wait = 0.0
+            wait = min(wait, swimmer.pause(now))
+        busy = [swimmer for swimmer in self._swimmers if swimmer.trial is not None]
         if busy and now >= self._show_due:
             self._show_due = now + _SHOW_PERIOD
             self._display.show(busy[0].phase, busy[0].note)
-            for lane in busy:
-                if waiting := lane.waits_for(now):
-                    self._display.say(f"{lane.namespace} waits: {waiting} (answer with fin_servo_driver's operator)")
+            for swimmer in busy:
+                if waiting := swimmer.waits_for(now):
+                    self._display.say(f"{swimmer.namespace} waits: {waiting} (answer with fin_servo_driver's operator)")
         if self._mode is Mode.STOPPING:
             self._cancel("~/stop was called")
             self._finish(node_process.EXIT_OK)
         elif self._mode is Mode.PAUSING and not busy:
             self._mode = Mode.HOLDING
-        elif self._mode is Mode.RUNNING and now >= self._start_at and len(busy) < len(self._lanes):
+        elif self._mode is Mode.RUNNING and now >= self._start_at and len(busy) < len(self._swimmers):
             return self._begin_trials(now, wait)
         return wait
 
@@ -190,77 +198,88 @@ class Optimizer:
             self._cancel("the study is complete")
             self._finish(node_process.EXIT_OK)
             return _IDLE_PERIOD
-        for lane in self._lanes:
-            if lane.trial is not None or not self._takes_part(lane):
+        for swimmer in self._swimmers:
+            if swimmer.trial is not None or not self._takes_part(swimmer):
                 continue
-            if lane.plant.state is None and now - self._start_at < _FIRST_WORD:
+            if swimmer.plant.state is None and now - self._start_at < _FIRST_WORD:
                 continue  # its limits are looked at before anything is proposed
-            if lane.cut_gait:
-                self._give_up(f"{lane.namespace}: {lane.cut_gait}. Ask for a gait within them, or change them")
+            if swimmer.cut_gait:
+                self._give_up(f"{swimmer.namespace}: {swimmer.cut_gait}. Ask for a gait within them, or change them")
                 return _IDLE_PERIOD
             if missing := shortage(self._study.folder, self._plan.number("disk.minimum_free")):
                 self._give_up(missing)
                 return _IDLE_PERIOD
-            is_left = partial(is_for_another, plant=lane.namespace, plants=self._taking_part())
+            is_left = partial(is_for_another, plant=swimmer.namespace, plants=self._taking_part())
             following = self._study.next_candidate(self._plan.search, self._total, is_left=is_left)
             if following is None:  # what it depends on is still swimming
                 continue
-            record = self._study.propose(*following, lane.namespace)
-            lane.begin(self._study.start(record.number), self._study.folder)
+            record = self._study.propose(*following, swimmer.namespace)
+            self._begin(swimmer, self._study.start(record.number))
             self._display.begin(record)
             wait = 0.0
-        if self._left_out and len(self._left_out) == len(self._lanes):
+        if self._left_out and len(self._left_out) == len(self._swimmers):
             self._all_left_out()
         return wait
 
-    def _taking_part(self) -> list[str]:
-        return [lane.namespace for lane in self._lanes if lane.namespace not in self._left_out]
+    def _begin(self, swimmer: Swimmer, record: TrialRecord) -> None:
+        started = record.started.isoformat() if record.started is not None else ""
+        told = {"trial.candidate": str(record.candidate), "trial.started": started, **self._metadata}
+        self._records[swimmer] = record
+        fin, bag = self._plan.fin_of(record.values), self._study.folder / record.bag
+        swimmer.begin(record.number, fin, bag, told)
+        self._announcers[swimmer.namespace].tell(record)
 
-    def _takes_part(self, lane: Lane) -> bool:
+    def _taking_part(self) -> list[str]:
+        return [swimmer.namespace for swimmer in self._swimmers if swimmer.namespace not in self._left_out]
+
+    def _takes_part(self, swimmer: Swimmer) -> bool:
         """Whether the fish gets trials. The only one always does: what ails it is the trial's to find and to tell."""
-        if len(self._lanes) == 1:
+        if len(self._swimmers) == 1:
             return True
-        trouble = lane.trouble
-        before = self._left_out.get(lane.namespace, "")
+        trouble = swimmer.trouble
+        before = self._left_out.get(swimmer.namespace, "")
         if trouble and not before and time.monotonic() - self._start_at < _ARRIVAL:
             return False  # it may still be starting
         if trouble and not before:
-            self._left_out[lane.namespace] = trouble
+            self._left_out[swimmer.namespace] = trouble
             self._left_out_at = time.monotonic()
-            self._display.say(f"{lane.namespace} does not take part: {trouble}")
+            self._display.say(f"{swimmer.namespace} does not take part: {trouble}")
         elif before and not trouble:
-            del self._left_out[lane.namespace]
-            self._display.say(f"{lane.namespace} takes part")
+            del self._left_out[swimmer.namespace]
+            self._display.say(f"{swimmer.namespace} takes part")
         return not trouble
 
     def _all_left_out(self) -> None:
-        busy = any(lane.trial is not None for lane in self._lanes)
+        busy = any(swimmer.trial is not None for swimmer in self._swimmers)
         if not busy and time.monotonic() - self._left_out_at > self._plan.timeouts.find:
             self._give_up(f"no fish is left: {'; '.join(self._left_out.values())}")
 
-    def _end_trial(self, lane: Lane, result: Result) -> None:
-        if lane.record is None:
-            return
-        record = self._study.finish(lane.record.number, result)
-        lane.end()
-        while lane.notes:
-            self._display.say(lane.notes.pop(0))
+    def _end_trials(self) -> None:
+        """Write the results into the journal; one that it refuses is tried again later."""
+        while self._unwritten:
+            self._end_trial(*next(iter(self._unwritten.items())))
+
+    def _end_trial(self, swimmer: Swimmer, result: Result) -> None:
+        record = self._study.finish(self._records[swimmer].number, result)
+        del self._records[swimmer], self._unwritten[swimmer]
+        while swimmer.notes:
+            self._display.say(swimmer.notes.pop(0))
         self._display.end(record, self._study.settled(), self._study.best())
-        lane.publish_candidate(record)
+        self._announcers[swimmer.namespace].tell(record)
         self._publish_progress()
         self._failures_in_a_row = self._failures_in_a_row + 1 if record.outcome in _NO_SCORE else 0
         stopped = self._mode not in {Mode.RUNNING, Mode.PAUSING}
-        if lane.other_fish and not stopped:
-            self._give_up(f"{lane.other_fish}. Use the same, or another study_folder")
+        if swimmer.other_fish and not stopped:
+            self._give_up(f"{swimmer.other_fish}. Use the same, or another study_folder")
         elif self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not stopped:
             self._give_up(f"{self._failures_in_a_row} trials in a row FAILED or were INTERRUPTED")
 
     def _cancel(self, reason: str) -> None:
-        for lane in self._lanes:
-            lane.cancel(reason)
-        for lane in self._lanes:
-            if lane.trial is not None and lane.trial.result is not None:
-                self._end_trial(lane, lane.trial.result)
+        now = time.monotonic()
+        for swimmer in self._swimmers:
+            if result := swimmer.cancel(reason, now):
+                self._unwritten[swimmer] = result
+        self._end_trials()
 
     def _give_up(self, why: str) -> None:
         """Leave the study where it is, with every fish at rest, because it cannot go on."""
@@ -268,11 +287,20 @@ class Optimizer:
             return
         self._mode = Mode.DONE
         self._display.say(f"error: {why}: the study is left here")
-        for lane in self._lanes:
-            lane.cancel(why)
         with contextlib.suppress(StudyError):  # the same disk may refuse the same again
             self._cancel(why)
         self._finish(node_process.EXIT_FAILURE)
+
+    def _conditions(self) -> Conditions:
+        plan = self._plan
+        return Conditions(
+            plan.gait,
+            plan.no_gait,
+            plan.measurement,
+            plan.timeouts,
+            plan.wants_cost,
+            differences=self._study.keep_or_compare,
+        )
 
     def _study_metadata(self) -> dict[str, str]:
         settings = {f"study.{name}": str(value) for name, value in self._study.settings.flat().items()}
@@ -285,14 +313,16 @@ class Optimizer:
         best = self._study.best()
         values: dict[str, object] = {
             "mode": self._mode.value,
-            "phase": ", ".join(lane.phase for lane in self._lanes if lane.trial is not None),
+            "phase": ", ".join(swimmer.phase for swimmer in self._swimmers if swimmer.trial is not None),
             "left out": ", ".join(self._left_out),
             "candidates_settled": self._study.settled(),
             "candidates_wanted": self._total,
             "trials": len(self._study.trials),
             "folder": str(self._study.folder),
         }
-        values |= {f"unusable stamps {name}": n for lane in self._lanes for name, n in lane.unusable_stamps.items()}
+        values |= {
+            f"unusable stamps {name}": n for swimmer in self._swimmers for name, n in swimmer.unusable_stamps.items()
+        }
         if best is not None and best.score is not None:
             values |= {f"best {name}": value for name, value in best.values.items()}
             values["best score [m/s]"] = best.score
@@ -375,21 +405,21 @@ class Optimizer:
         """Leave everything safe: the gaits off, the bags closed, the journal and the table complete."""
         with contextlib.ExitStack() as last:
             last.callback(self._study.close)
-            for lane in self._lanes:
-                last.callback(self._close_lane, lane)
+            for swimmer in self._swimmers:
+                last.callback(self._close_swimmer, swimmer)
             last.callback(self._write_last_table)
             last.callback(self._say_how_to_go_on)
             last.callback(self._display.close)
-            for lane in self._lanes:
-                last.callback(lane.plant.farewell)
+            for swimmer in self._swimmers:
+                last.callback(swimmer.plant.farewell)
             try:
                 self._cancel("the optimiser was stopped")
             except StudyError as error:
                 self._display.say(f"error: {error}")
 
-    def _close_lane(self, lane: Lane) -> None:
+    def _close_swimmer(self, swimmer: Swimmer) -> None:
         try:
-            lane.destroy()
+            swimmer.destroy()
         except BagError as error:
             self._display.say(f"error: {error}")
 

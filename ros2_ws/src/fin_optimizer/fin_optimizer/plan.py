@@ -15,7 +15,7 @@ from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study.folder import SETTINGS_FILE
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.settings import Objective, Policy, Settings
-from fin_optimizer.trial.trial import Timeouts
+from fin_optimizer.trial.phases import Timeouts
 from fin_optimizer.words import MODULUS
 from fin_plant.fin import AREA, Fin
 from fin_plant.gait import Gait, JointDrive, carangiform

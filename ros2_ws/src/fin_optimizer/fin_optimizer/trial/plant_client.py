@@ -11,7 +11,7 @@ from rclpy.duration import Duration
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import Trigger
 
-from fin_optimizer.trial.trial import Reply
+from fin_optimizer.trial.facts import Reply
 from fin_plant import topics
 from fin_plant.discovery import NAME_TO_COME
 from fin_plant.messages import gait_from_message, gait_message, plant_state_from_message
@@ -47,6 +47,8 @@ class PlantClient:
     """Finds the one plant of a namespace and speaks to it. Nothing here waits but `farewell`.
 
     Attributes:
+        plants: Full names of the nodes that published a plant's state in this namespace when `look` looked last.
+        publishers: Their ids: a node that is started anew has the name of the one before, but another id.
         state: What the plant said last, None before.
         fin_reply: Answer to the last `set_fin`, None before it has come.
         reset_reply: Answer to the last `request_reset`, None before it has come.
@@ -67,8 +69,8 @@ class PlantClient:
         self.applied: Gait | None = None
         self._newest: dict[Client | None, Future] = {}
         self._node = node
-        self._plants: list[str] = []
-        self._publishers: frozenset[str] = frozenset()
+        self.plants: list[str] = []
+        self.publishers: frozenset[str] = frozenset()
         self._look_due = 0.0
         self._name = ""
         self._set_parameters: Client | None = None
@@ -111,32 +113,22 @@ class PlantClient:
         except ValueError as error:
             self._node.get_logger().error(f"gait_applied: {error}")
 
-    def plants(self) -> list[str]:
-        """Return the full names of the nodes that publish a plant's state in this namespace."""
-        self._look()
-        return self._plants
-
-    def publishers(self) -> frozenset[str]:
-        """Return the publishers' ids: a node that is started anew has the name of the one before, but another id."""
-        self._look()
-        return self._publishers
-
-    def _look(self) -> None:
-        now = time.monotonic()
-        if now >= self._look_due:
-            self._look_due = now + _LOOK_PERIOD
-            found = self._node.get_publishers_info_by_topic(self._state_topic)
-            named = [end for end in found if end.node_name != NAME_TO_COME]
-            self._plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in named})
-            self._publishers = frozenset(bytes(end.endpoint_gid).hex() for end in found)
+    def look(self, now: float) -> None:
+        """Look, not too often, at who publishes a plant's state; ``now`` is the time of a monotonic clock in s."""
+        if now < self._look_due:
+            return
+        self._look_due = now + _LOOK_PERIOD
+        found = self._node.get_publishers_info_by_topic(self._state_topic)
+        named = [end for end in found if end.node_name != NAME_TO_COME]
+        self.plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in named})
+        self.publishers = frozenset(bytes(end.endpoint_gid).hex() for end in found)
 
     def missing_services(self) -> list[str]:
         """Return the full names of the services that the plant should offer and does not; first make its clients."""
-        plants = self.plants()
-        if len(plants) != 1:
+        if len(self.plants) != 1:
             return []
-        if plants[0] != self._name:
-            self._connect(plants[0])
+        if self.plants[0] != self._name:
+            self._connect(self.plants[0])
         clients = [client for client in (self._set_parameters, self._request_reset) if client is not None]
         return [str(client.service_name) for client in clients if not client.service_is_ready()]
 
@@ -225,22 +217,31 @@ class PlantClient:
         self._gait_is_new = self._gait_is_new or (gait.moves and not self.swims)
         self._gait.publish(gait_message(gait.rows()))
 
-    def farewell(self) -> None:
+    def farewell(
+        self, clock: Callable[[], float] = time.monotonic, pause: Callable[[float], None] = time.sleep
+    ) -> None:
         """Wait, as the process is about to end, until the last gait has arrived and the plant swims no more.
 
         Who started both ends the plant next, and a robot's driver that is ended takes the force from its tail wherever
         that stands. No executor has a part in it.
         """
         self._gait.wait_for_all_acked(_ARRIVAL)
-        self._listen_while(lambda: self._gait_is_new, _START_SECONDS)
-        self._listen_while(lambda: self.swims, _REST_SECONDS)
+        self._listen_while(lambda: self._gait_is_new, _START_SECONDS, clock, pause)
+        self._listen_while(lambda: self.swims, _REST_SECONDS, clock, pause)
 
-    def _listen_while(self, condition: Callable[[], bool], seconds: float) -> None:
+    def _listen_while(
+        self,
+        condition: Callable[[], bool],
+        seconds: float,
+        clock: Callable[[], float] = time.monotonic,
+        pause: Callable[[float], None] = time.sleep,
+    ) -> None:
         """Take what the plant says of its state while the condition holds and a plant is there, at most so long."""
-        until = time.monotonic() + seconds
+        until = clock() + seconds
         while True:
             while (taken := self._states.handle.take_message(topics.PLANT_STATE.type, False)) is not None:  # noqa: FBT003  (not raw; a C++ function)
                 self._on_state(taken[0])
-            if not condition() or not self.publishers() or time.monotonic() > until:
+            self.look(clock())
+            if not condition() or not self.publishers or clock() > until:
                 return
-            time.sleep(_LISTEN_PERIOD)
+            pause(_LISTEN_PERIOD)

@@ -28,7 +28,7 @@ from fin_plant.stamps import NANOSECONDS
 from fin_plant.topics import EVERY_MESSAGE, JOINT_STATES, PLANT_STATE, POSE, RECORDED_TOPICS, VELOCITY, Topic
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     import numpy as np
@@ -69,6 +69,7 @@ class Recorder:
         topics: What to record.
         namespace: Of the fish, to which the topics' names are relative; empty for the node's own.
         minimum_free: Bytes that must stay free on the disk of a bag.
+        clock: Time in s.
     """
 
     def __init__(
@@ -78,13 +79,19 @@ class Recorder:
         *,
         namespace: str = "",
         minimum_free: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._clock = clock
         self._minimum_free = minimum_free
         self._queue: deque[tuple[str, bytes]] = deque()
         self._extent = Extent()
-        self._ears = {topic.name: _Ear(node, topic, self._queue, self._extent, namespace) for topic in topics}
+        self._subscriptions = {
+            topic.name: _Subscription(node, topic, self._queue, self._extent, namespace) for topic in topics
+        }
         # What the plant says of itself is taken before its streams, so that the end of a swim is known before it comes.
-        self._turns = sorted(self._ears.values(), key=lambda ear: ear.topic is not PLANT_STATE)
+        self._turns = sorted(
+            self._subscriptions.values(), key=lambda subscription: subscription.topic is not PLANT_STATE
+        )
         self._closing = threading.Event()
         self._job: Future[BagSummary] | None = None
         self._look_due = 0.0
@@ -93,28 +100,28 @@ class Recorder:
         """Take what has arrived; return the number of messages."""
         if self._job is None:
             self._ask_for_what_is_offered()
-        return sum(ear.take_waiting() for ear in self._turns)
+        return sum(subscription.take_waiting() for subscription in self._turns)
 
     def unmatched(self, required: Iterable[Topic[Any]]) -> list[str]:
         """Return the names of those topics that have no publisher yet."""
         self._ask_for_what_is_offered()
-        return [topic.name for topic in required if not self._ear(topic).publishers]
+        return [topic.name for topic in required if not self._subscription_to(topic).publishers]
 
     def _ask_for_what_is_offered(self) -> None:
         """Look, not too often, whether a publisher offers less than is asked for; in a swim nothing more is asked."""
-        now = time.monotonic()
+        now = self._clock()
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
-            for ear in self._turns:
-                ear.adapt(records=self._job is not None)
+            for subscription in self._turns:
+                subscription.adapt(records=self._job is not None)
 
     def received(self, topic: Topic[Any]) -> int:
         """Return how many messages of a topic have come since the recorder began to listen."""
-        return self._ear(topic).received
+        return self._subscription_to(topic).received
 
     def newest(self, topic: Topic[Any]) -> bytes | None:
         """Return the last message of a topic, serialised; None before the first one."""
-        return self._ear(topic).last
+        return self._subscription_to(topic).last
 
     def newest_stamp(self, topic: Topic[Any] = VELOCITY) -> int | None:
         """Return the header stamp in ns of the last message of a topic; None before the first one.
@@ -122,11 +129,11 @@ class Recorder:
         Raises:
             ValueError: The topic's messages have no header, or it is not recorded.
         """
-        ear = self._ear(topic)
-        if not ear.with_header:
+        subscription = self._subscription_to(topic)
+        if not subscription.with_header:
             msg = f"messages of {topic.name} ({topic.type_name}) have no header, so they have no stamp"
             raise ValueError(msg)
-        return None if ear.last is None else header_stamp(ear.last)
+        return None if subscription.last is None else header_stamp(subscription.last)
 
     @property
     def failure(self) -> str | None:
@@ -150,24 +157,31 @@ class Recorder:
         if self._job is not None:
             msg = f"cannot open bag {path}: the recorder still writes another one, close it first"
             raise BagError(msg)
-        ears = self._ears.values()
-        for ear in ears:
-            ear.take_waiting(ALL)
-        topics = [BagTopic(ear.name, ear.topic.type_name, _bag_qos(ear.offered)) for ear in ears]
+        subscriptions = self._subscriptions.values()
+        for subscription in subscriptions:
+            subscription.take_waiting(ALL)
+        topics = [
+            BagTopic(subscription.name, subscription.topic.type_name, _bag_qos(subscription.offered))
+            for subscription in subscriptions
+        ]
         writer = BagWriter(path, topics, metadata, newest_stamp_ns=self._plants_time(), minimum_free=self._minimum_free)
         self._queue.clear()
         self._closing.clear()
         self._extent.begin(measurement)
-        for ear in ears:
-            ear.start()
+        for subscription in subscriptions:
+            subscription.start()
         self._job = Future()
         threading.Thread(target=self._write, args=(writer, self._job), name="recorder").start()
 
     def _plants_time(self) -> int | None:
         """Return the newest stamp in ns of the topic that tells the plant's time best: a tracker has its own clock."""
         for name in _BY_TRUST:
-            ear = self._ears.get(name)
-            if ear is not None and ear.last is not None and (stamp := header_stamp(ear.last)) > 0:
+            subscription = self._subscriptions.get(name)
+            if (
+                subscription is not None
+                and subscription.last is not None
+                and (stamp := header_stamp(subscription.last)) > 0
+            ):
                 return stamp
         return None
 
@@ -180,7 +194,7 @@ class Recorder:
 
     def messages(self, topic: Topic[Any]) -> Sequence[bytes]:
         """Return the serialised messages of the bag opened last, of `velocity`, `joint_states` or `plant_state`."""
-        return self._ear(topic).kept
+        return self._subscription_to(topic).kept
 
     def close(self) -> BagSummary:
         """End the bag with every message that has arrived, and return what it holds.
@@ -191,9 +205,9 @@ class Recorder:
         if self._job is None:
             msg = "no bag is open"
             raise BagError(msg)
-        for ear in self._turns:
-            ear.take_waiting(ALL)
-            ear.stop()
+        for subscription in self._turns:
+            subscription.take_waiting(ALL)
+            subscription.stop()
         self._closing.set()
         job, self._job = self._job, None
         try:
@@ -211,14 +225,14 @@ class Recorder:
             if self._job is not None:
                 self.close()
         finally:
-            for ear in self._ears.values():
-                ear.destroy()
+            for subscription in self._subscriptions.values():
+                subscription.destroy()
 
-    def _ear(self, topic: Topic[Any]) -> _Ear:
-        if topic.name not in self._ears:
-            msg = f"topic {topic.name} is not recorded: recorded are {', '.join(self._ears)}"
+    def _subscription_to(self, topic: Topic[Any]) -> _Subscription:
+        if topic.name not in self._subscriptions:
+            msg = f"topic {topic.name} is not recorded: recorded are {', '.join(self._subscriptions)}"
             raise ValueError(msg)
-        return self._ears[topic.name]
+        return self._subscriptions[topic.name]
 
     def _write(self, writer: BagWriter, job: Future[BagSummary]) -> None:
         """Write a bag and tell the job how it ended (in the recorder's thread)."""
@@ -264,7 +278,7 @@ class Extent:
         return self._end is not None and 0 < stamp - self._end < _LONGEST_OVERRUN
 
 
-class _Ear:
+class _Subscription:
     """Listens to one topic; ``queue`` gets its messages while a bag is open."""
 
     def __init__(
