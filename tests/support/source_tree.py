@@ -1,12 +1,20 @@
-"""What the packages of the workspace consist of, read from their sources without importing them."""
+"""What the packages of the workspace consist of, read from their sources without importing them.
+
+    python tests/support/source_tree.py PACKAGE
+
+prints the unit tests of a package, for `colcon test`.
+"""
 
 from __future__ import annotations
 
 import ast
+import sys
 from pathlib import Path
 
 SOURCE = Path(__file__).resolve().parents[2] / "ros2_ws" / "src"
+UNIT_TESTS = SOURCE.parents[1] / "tests" / "unit"
 PACKAGES = ("fin_plant", "fin_sim", "fin_servo_driver", "fin_optimizer", "fin_bringup")
+"""Each after those that it may import."""
 
 
 def modules(package: str) -> dict[str, Path]:
@@ -45,3 +53,20 @@ def imported_at_start(path: Path) -> set[str]:
 def imported_packages(path: Path) -> set[str]:
     """Return the top-level names that a source file imports."""
     return {name.partition(".")[0] for name in imported(path)}
+
+
+def unit_tests(package: str) -> list[Path]:
+    """Return the unit tests of a package: those that import it, and none that comes after it.
+
+    The last package also has those that import none: they are about the workspace as a whole.
+    """
+    found = []
+    for path in sorted(UNIT_TESTS.glob("test_*.py")):
+        names = imported_packages(path)
+        if package == next((name for name in reversed(PACKAGES) if name in names), PACKAGES[-1]):
+            found.append(path)
+    return found
+
+
+if __name__ == "__main__":
+    sys.stdout.write("".join(f"{path}\n" for path in unit_tests(sys.argv[1])))

@@ -13,7 +13,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from catkin_pkg.package import parse_package
 
-from support.source_tree import PACKAGES, SOURCE, imported_packages, modules
+from support.source_tree import PACKAGES, SOURCE, UNIT_TESTS, imported_packages, modules, unit_tests
 
 ROOT = SOURCE.parents[1]
 # Import name -> rosdep key, where they differ; None where rosdep has no key (package.xml says what to do then).
@@ -142,3 +142,17 @@ def test_the_two_fast_dds_profiles_differ_only_in_the_interface_and_use_no_share
     ]
     assert [element.text for element in anywhere.iter(f"{space}useBuiltinTransports")] == ["false"]
     assert {element.text for element in anywhere.iter(f"{space}type")} == {"UDPv4"}
+
+
+def test_each_unit_test_is_run_by_colcon_for_one_package() -> None:
+    by_package = {package: unit_tests(package) for package in PACKAGES}
+    assert sorted(path for paths in by_package.values() for path in paths) == sorted(UNIT_TESTS.glob("test_*.py"))
+    assert UNIT_TESTS / "test_gait.py" in by_package["fin_plant"]
+    assert UNIT_TESTS / "test_swim.py" in by_package["fin_sim"]
+    assert UNIT_TESTS / "test_safety.py" in by_package["fin_servo_driver"]
+
+
+def test_what_colcon_runs_is_the_same_file_in_all_packages_that_have_it() -> None:
+    files = sorted(SOURCE.glob("*/test/test_package.py"))
+    assert {path.parents[1].name for path in files} >= {"fin_plant", "fin_sim", "fin_servo_driver"}
+    assert len({path.read_text() for path in files}) == 1
