@@ -9,7 +9,7 @@ import pytest
 
 from fin_optimizer.paper.experiments import LENGTH, MODULUS, model_speeds
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS, SIMULATOR_PARAMETERS
-from fin_optimizer.plan import Plan
+from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.score.swim import scored_swim
 from fin_optimizer.search.hill_climber import HillClimber
@@ -56,8 +56,8 @@ def test_each_fin_of_the_pareto_front_is_a_parent_as_often() -> None:
 )
 def test_a_study_is_not_gone_on_with_by_another_gait_or_fin(tmp_path: Path, name: str, value: float) -> None:
     given = {"study_folder": str(tmp_path / "study")}
-    Plan(OPTIMIZER_PARAMETERS.checked(given)).study().close()
-    other = Plan(OPTIMIZER_PARAMETERS.checked({**given, name: value}))
+    StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given)).study().close()
+    other = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({**given, name: value}))
     with pytest.raises(StudyError, match=rf"{name} is .* there and {value:g} here"):
         other.study()
 

@@ -3,26 +3,40 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING
 
 import pytest
 
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
-from fin_optimizer.plan import Plan
+from fin_optimizer.plan import StudyPlan
+from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.search.cma_es import CmaEs
+from fin_optimizer.search.genetic import GeneticAlgorithm
+from fin_optimizer.search.hill_climber import HillClimber
+from fin_optimizer.search.one_by_one import OneByOne
+from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.settings import Policy
+from fin_optimizer.trial.phases import Timeouts
 from fin_plant.fin import Fin
+from fin_plant.gait import Gait, JointDrive
 from support.old_studies import take_off_check_sums
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-SHAPE = {"search.length.minimum": 0.05, "search.length.maximum": 0.12}
+    from fin_optimizer.search.space import Search
+
+PAPER: dict[str, object] = {"seed": 7, "gait.amplitude": 0.2, "gait.frequency": 1.6}
+STIFFNESS = Dimension("fin.young_modulus", 0.5e9, 4e9, unit="Pa")
+SHAPE: dict[str, object] = {"search.length.minimum": 0.05, "search.length.maximum": 0.12}
 PROFILE = {"fin.profile_position": [0.25, 0.6], "fin.profile_height": [0.03, 0.018]}
 
 
-def plan(folder: Path, **given: object) -> Plan:
+def plan(folder: Path, **given: object) -> StudyPlan:
     values = OPTIMIZER_PARAMETERS.checked({**SHAPE, "study_folder": str(folder), **given})
-    return Plan(values)
+    return StudyPlan.from_parameters(values)
 
 
 @pytest.mark.parametrize("profile", [{}, PROFILE])
@@ -61,3 +75,94 @@ def test_an_older_study_of_the_shape_opens_with_a_note_that_it_does_not_tell_its
         (note,) = (note for note in study.notes if "fin.area" in note)
         assert "0.002" in note
         assert "fin.height" not in study.settings.fin_of({"fin.young_modulus": 1e9, "fin.length": 0.1})
+
+
+def test_the_plan_of_known_parameters() -> None:
+    given = {"trials": 12, "measurement.settle": 1.5, "measurement.duration": 4.0, "timeout.rest": 20.0, "repeats": 3}
+    asked = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({**PAPER, **given, "plants": ["/a/fish", "/b"]}))
+    assert (asked.trials, asked.seed, asked.failures_in_a_row, asked.minimum_free) == (12, 7, 3, 2e8)
+    assert (asked.autostart, asked.exit_when_done, asked.plants) == (True, True, ("/a/fish", "/b"))
+    assert asked.gait == Gait((JointDrive(0.2, 1.6),))
+    assert asked.no_gait == Gait((JointDrive(0.0, 1.6),))
+    assert asked.measurement == Measurement(1.5, 4.0, block=0.625)
+    assert asked.timeouts == Timeouts(60.0, 10.0, 10.0, 5.0, 20.0, 0.0)
+    assert asked.settings.policy == Policy(repeats=3, attempts=2)
+    assert not asked.wants_cost
+
+
+def test_every_setting_of_the_paper_is_known() -> None:
+    """What decides the fins and their scores, by name: a later version finds it under these."""
+    settings = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(PAPER)).settings
+    assert settings.space == Space((Dimension("fin.young_modulus", 0.5e9, 4e9, unit="Pa"),))
+    assert dict(settings.details) == {
+        "seed": 7,
+        "search.algorithm": "hill_climber",
+        "search.population": 0,
+        "search.length.minimum": 0.0,
+        "search.length.maximum": 0.0,
+        "search.length.step_variance": 1e-5,
+        "search.young_modulus.minimum": 0.5e9,
+        "search.young_modulus.maximum": 4e9,
+        "search.young_modulus.step_variance": 1e17,
+        "gait.amplitude": 0.2,
+        "gait.frequency": 1.6,
+        "measurement.settle": 0.0,
+        "measurement.duration": 10.0,
+        "measurement.largest_speed": 1.0,
+        "measurement.largest_start_speed": 0.005,
+        "fin.length": 0.08,
+        "fin.height": 0.025,
+        "fin.tip_height": 0.025,
+        "fin.profile_position": [],
+        "fin.profile_height": [],
+        "fin.thickness": 2.08e-4,
+        "fin.density": 1180.0,
+        "fin.segments": 3,
+        "fin.hinges": "between",
+        "fin.damping_time": 0.01,
+    }
+
+
+def test_a_study_may_be_gone_on_with_by_other_patience_and_other_fish() -> None:
+    may_differ = {name for name, entry in OPTIMIZER_PARAMETERS.items() if not entry.decides_swim}
+    assert may_differ == {
+        *("trials", "failures_in_a_row", "autostart", "exit_when_done", "study_folder", "plants", "disk.minimum_free"),
+        *("timeout.find", "timeout.plant", "timeout.reply", "timeout.silence", "timeout.rest", "timeout.people"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "search"),
+    [
+        ({}, HillClimber(Space((STIFFNESS,)), 7, {"fin.young_modulus": math.sqrt(1e17)})),
+        (
+            {"search.algorithm": "genetic", "search.population": 5},
+            OneByOne(GeneticAlgorithm(Space((STIFFNESS,)), 7, {"fin.young_modulus": math.sqrt(1e17)}, population=5)),
+        ),
+        (
+            {"search.algorithm": "cma_es", **SHAPE},
+            OneByOne(CmaEs(Space((STIFFNESS, Dimension("fin.length", 0.05, 0.12, unit="m"))), 7)),
+        ),
+    ],
+    ids=["hill_climber", "genetic", "cma_es"],
+)
+def test_the_search_asked_for_is_made_of_its_parameters(given: dict[str, object], search: Search) -> None:
+    made = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({**PAPER, **given})).search
+    assert vars(made) == vars(search)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"search.young_modulus.minimum": 5e9}, "fin.young_modulus"),
+        ({"search.length.minimum": 0.1}, "fin.length"),
+        ({"search.algorithm": "genetic", "objective": "speed_and_cost_of_transport"}, "knows one objective only"),
+        ({"search.algorithm": "cma_es"}, "CMA-ES needs at least 2 parameters"),
+        ({"plants": ["fish"]}, "plants has 'fish': give namespaces like /tank_a/fish"),
+        ({"plants": ["/a", "/a"]}, "plants names a fish twice: /a, /a"),
+        ({"fin.thickness": 0.02, "fin.length": 0.01}, "must be less than fin.length"),
+    ],
+)
+def test_parameters_that_do_not_fit_together_are_refused(given: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given))

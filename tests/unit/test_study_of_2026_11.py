@@ -9,7 +9,7 @@ import pytest
 
 from fin_optimizer.commands import score_bag, show_study
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
-from fin_optimizer.plan import Plan
+from fin_optimizer.plan import StudyPlan
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.records import read_trials
 from fin_plant.fin import node_table
@@ -55,7 +55,7 @@ def test_its_bags_give_its_scores(study: Path, capsys: pytest.CaptureFixture[str
 
 
 def test_it_is_gone_on_with(study: Path) -> None:
-    plan = Plan(OPTIMIZER_PARAMETERS.checked({**SETTINGS, "study_folder": str(study)}))
+    plan = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({**SETTINGS, "study_folder": str(study)}))
     with Study.open(study, plan.settings) as opened:
         assert opened.notes == []
         assert opened.next_candidate(plan.search) == (3, {"fin.young_modulus": NEXT})
@@ -71,6 +71,6 @@ def test_its_fish_is_the_simulators_of_today(study: Path) -> None:
     told = entries.checked({"speed": 0.0, "publish_clock": False, "command_timeout": 5.0})
     deciding = {name for name, entry in entries.items() if decides_swim(name, descriptor(entry).description)}
     fish = {"plant": "simulator", **{name: value for name, value in told.items() if name in deciding}}
-    with Study.open(study, Plan(OPTIMIZER_PARAMETERS.checked(SETTINGS)).settings) as opened:
+    with Study.open(study, StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(SETTINGS)).settings) as opened:
         assert opened.keep_or_compare(fish) == []
         assert opened.keep_or_compare({**fish, "drive.ramp_time": 0.6}) == ["drive.ramp_time is 0.5 there and 0.6 here"]

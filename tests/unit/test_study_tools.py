@@ -23,7 +23,7 @@ from fin_optimizer.bags.messages import velocity_samples
 from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.commands import export, score_bag, show_study
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
-from fin_optimizer.plan import Plan
+from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.score.swim import scored_swim
 from fin_optimizer.search.cma_es import CmaEs
@@ -259,7 +259,7 @@ def test_in_a_narrow_terminal_no_number_of_a_study_is_broken(
 ) -> None:
     folder = tmp_path / "study"
     given = {"search.length.minimum": 0.05, "search.length.maximum": 0.12, "fin.tip_height": 0.05, "repeats": 3}
-    plan = Plan(OPTIMIZER_PARAMETERS.checked({**given, "study_folder": str(folder), "seed": 3}))
+    plan = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({**given, "study_folder": str(folder), "seed": 3}))
     with plan.study() as begun:
         while begun.settled() < 8:
             following = begun.next_candidate(plan.search, 8)
@@ -454,7 +454,7 @@ def swum(tmp_path: Path) -> Path:
     """Return the folder of a study of the shape, with five trials and one that a kill left open."""
     folder = tmp_path / "swum"
     given = {"search.length.minimum": 0.05, "search.length.maximum": 0.12}
-    plan = Plan(OPTIMIZER_PARAMETERS.checked({**given, "study_folder": str(folder)}))
+    plan = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({**given, "study_folder": str(folder)}))
     with plan.study() as begun:
         swim(begun, plan.search, 5)
         following = begun.next_candidate(plan.search)

@@ -19,7 +19,7 @@ from fin_optimizer.bags.disk_space import shortage
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.commands.repair_bags import repair_bags
 from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
-from fin_optimizer.plan import Plan
+from fin_optimizer.plan import StudyPlan
 from fin_optimizer.progress import display, show_best
 from fin_optimizer.study import report
 from fin_optimizer.study.candidate import front, is_for_another
@@ -79,9 +79,10 @@ class Optimizer:
             ValueError: A parameter that is refused, or a study that cannot be gone on with.
         """
         self.node = Node(OPTIMIZER, namespace=topics.NAMESPACE)
-        self._plan = Plan(NodeParameters(self.node, OPTIMIZER_PARAMETERS, validate=Plan).values)
+        given = NodeParameters(self.node, OPTIMIZER_PARAMETERS, validate=StudyPlan.from_parameters).values
+        self._plan = StudyPlan.from_parameters(given)
         self._study = self._plan.study()
-        self._mode = Mode.RUNNING if self._plan.values["autostart"] else Mode.HOLDING
+        self._mode = Mode.RUNNING if self._plan.autostart else Mode.HOLDING
         self._exit_code: int | None = None
         self._failures_in_a_row = 0
         self._health_due = self._show_due = 0.0
@@ -89,8 +90,7 @@ class Optimizer:
         self._metadata = self._study_metadata()
         namespaces = self._plan.plants or [self.node.get_namespace()]
         self._swimmers = [
-            Swimmer.of(self.node, each, self._conditions(), self._plan.number("disk.minimum_free"))
-            for each in namespaces
+            Swimmer.of(self.node, each, self._conditions(), self._plan.minimum_free) for each in namespaces
         ]
         self._announcers = {each: Announcer(self.node, each) for each in namespaces}
         self._records: dict[Swimmer, TrialRecord] = {}
@@ -103,7 +103,7 @@ class Optimizer:
 
     @property
     def _total(self) -> int:
-        return self._plan.count("trials")
+        return self._plan.trials
 
     def _offer(self) -> None:
         def publisher(topic: Topic[Any]) -> Publisher:
@@ -116,9 +116,7 @@ class Optimizer:
         self.node.create_service(Trigger, "~/stop", self._on_stop)
 
     def _greet(self) -> None:
-        self._display.say(
-            f"study {_near(self._study.folder)}: {_count(self._total, 'fin')}, seed {self._plan.count('seed')}"
-        )
+        self._display.say(f"study {_near(self._study.folder)}: {_count(self._total, 'fin')}, seed {self._plan.seed}")
         if done := len(self._study.trials):
             self._display.say(f"going on after {_count(done, 'trial')}, {show_best(self._study.best())}")
             for repair in repair_bags(self._study.folder, or_nothing=True):
@@ -206,7 +204,7 @@ class Optimizer:
             if swimmer.cut_gait:
                 self._give_up(f"{swimmer.namespace}: {swimmer.cut_gait}. Ask for a gait within them, or change them")
                 return _IDLE_PERIOD
-            if missing := shortage(self._study.folder, self._plan.number("disk.minimum_free")):
+            if missing := shortage(self._study.folder, self._plan.minimum_free):
                 self._give_up(missing)
                 return _IDLE_PERIOD
             is_left = partial(is_for_another, plant=swimmer.namespace, plants=self._taking_part())
@@ -271,7 +269,7 @@ class Optimizer:
         stopped = self._mode not in {Mode.RUNNING, Mode.PAUSING}
         if swimmer.other_fish and not stopped:
             self._give_up(f"{swimmer.other_fish}. Use the same, or another study_folder")
-        elif self._failures_in_a_row >= self._plan.count("failures_in_a_row") and not stopped:
+        elif self._failures_in_a_row >= self._plan.failures_in_a_row and not stopped:
             self._give_up(f"{self._failures_in_a_row} trials in a row FAILED or were INTERRUPTED")
 
     def _cancel(self, reason: str) -> None:
@@ -358,7 +356,7 @@ class Optimizer:
             self._display.say("no trial gave a score")
             code = code or node_process.EXIT_FAILURE
         self._display.say(f"results: {_near(self._study.folder)}/ ({', '.join(self._results())})")
-        if self._plan.values["exit_when_done"]:
+        if self._plan.exit_when_done:
             self._exit_code = code
 
     def _swum(self) -> str:

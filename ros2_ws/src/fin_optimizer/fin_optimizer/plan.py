@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
-from fin_optimizer.parameters import NAMESPACE_PATTERN
+from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER_PARAMETERS
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
@@ -22,99 +22,92 @@ from fin_plant.gait import Gait, JointDrive, carangiform
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from fin_optimizer.search.space import Search
     from fin_plant.parameters import Value
 
-# What decides candidates and scores, hence must not change while a study goes on.
-_DECISIVE = ("seed", "search.", "gait.", "measurement.", "fin.")
 _LENGTH = "fin.length"
+_Description = TypeVar("_Description")
 
 
-class Plan:
-    """What the node's parameters ask for.
+@dataclass(frozen=True)
+class _Varied:
+    """How one parameter of the fin is searched: the parameters ``search.<parameter>.<name>``, in its unit."""
 
-    Raises:
-        ValueError: A range that is upside down, a fin that cannot be, or a search that does not fit.
+    minimum: float
+    maximum: float
+    step_variance: float
+
+    @property
+    def step_deviation(self) -> float:
+        """Standard deviation of a step."""
+        return math.sqrt(self.step_variance)
+
+
+@dataclass(frozen=True)
+class StudyPlan:
+    """What the optimiser's parameters ask for; the attributes without a word here bear the names of theirs.
+
+    Attributes:
+        minimum_free: Space in B that must stay free on the study's disk.
+        plants: Namespaces of the fish, empty for the node's own one.
+        search: Proposes the fins.
+        fin: The one that the search starts from.
+        gait: What every fish swims.
+        measurement: Which part of a swim is scored.
+        timeouts: When a trial is given up.
+        settings: What must not change while the study goes on.
     """
 
-    def __init__(self, values: Mapping[str, Value]) -> None:
-        self.values = dict(values)
-        space, deviations = self._space()
-        self.dimension = space.dimensions[0]
-        self.objective = Objective(str(values["objective"]))
-        self.search = self._search(space, deviations)
-        self.fin = Fin.from_parameters(values)
-        frequency = self.number("gait.frequency")
-        self.gait = carangiform(self.number("gait.amplitude"), frequency)
-        self.no_gait = Gait((JointDrive(0.0, frequency),))
-        measured = ("settle", "duration", "largest_speed", "largest_start_speed")
-        numbers = {name: self.number(f"measurement.{name}") for name in measured}
-        self.measurement = Measurement(**numbers, block=1.0 / frequency)
-        names = ("find", "plant", "reply", "silence", "rest", "people")
-        self.timeouts = Timeouts(**{name: self.number(f"timeout.{name}") for name in names})
-        self.plants = self._plants()
-        details = {n: v for n, v in values.items() if n.startswith(_DECISIVE) and n not in space.names}
-        if _LENGTH in space.names:
-            details[AREA] = self.fin.area
-        policy = Policy(self.count("repeats"), self.count("attempts"))
-        self.settings = Settings(space, policy, details, self.objective)
+    trials: int
+    seed: int
+    failures_in_a_row: int
+    autostart: bool
+    exit_when_done: bool
+    study_folder: str
+    minimum_free: float
+    plants: tuple[str, ...]
+    search: Search
+    fin: Fin
+    gait: Gait
+    measurement: Measurement
+    timeouts: Timeouts
+    settings: Settings
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> Self:
+        """Return the plan that all of the optimiser's parameters make, each as its table has checked it.
+
+        Raises:
+            ValueError: A range that is upside down, a fin that cannot be, or a search that does not fit.
+        """
+        varied = _varied(values)
+        space = Space(tuple(Dimension(name, v.minimum, v.maximum, unit=_unit(name)) for name, v in varied.items()))
+        objective = Objective(values["objective"])
+        fin = Fin.from_parameters(values)
+        gait = _built(JointDrive, values, "gait.")
+        return cls(
+            **{name: values[name] for name in _AS_GIVEN},
+            minimum_free=values["disk.minimum_free"],
+            plants=_plants(values["plants"]),
+            search=_search(values, space, {name: v.step_deviation for name, v in varied.items()}, objective),
+            fin=fin,
+            gait=carangiform(gait.amplitude, gait.frequency),
+            measurement=_built(Measurement, values, "measurement.", block=1.0 / gait.frequency),
+            timeouts=_built(Timeouts, values, "timeout."),
+            settings=_settings(values, space, objective, fin),
+        )
+
+    @property
+    def no_gait(self) -> Gait:
+        """The gait of a tail at rest."""
+        return Gait((JointDrive(0.0, self.gait.joints[0].frequency),))
 
     @property
     def wants_cost(self) -> bool:
         """Whether the cost of transport is an objective."""
-        return self.objective is Objective.SPEED_AND_COST
-
-    def _space(self) -> tuple[Space, dict[str, float]]:
-        """Return what is searched, and the standard deviation of a step by parameter."""
-        dimensions, deviations = [], {}
-        for name in (MODULUS, _LENGTH):
-            prefix = f"search.{name.removeprefix('fin.')}"
-            unit = "Pa" if name == MODULUS else "m"
-            low, high = self.number(f"{prefix}.minimum"), self.number(f"{prefix}.maximum")
-            if name == _LENGTH and low == high == 0.0:
-                continue  # the default: the shape stays
-            dimensions.append(Dimension(name, low, high, unit=unit))
-            deviations[name] = math.sqrt(self.number(f"{prefix}.step_variance"))
-        return Space(tuple(dimensions)), deviations
-
-    def _search(self, space: Space, deviations: Mapping[str, float]) -> Search:
-        name, seed = str(self.values["search.algorithm"]), self.count("seed")
-        population = self.count("search.population") or None
-        if name == "hill_climber":
-            return HillClimber(space, seed, deviations)
-        if self.wants_cost:
-            msg = f"search.algorithm = {name} knows one objective only: use hill_climber for {self.objective}"
-            raise ValueError(msg)
-        # Both take longer to load than a study with the hill climber should wait.
-        from fin_optimizer.search.cma_es import CmaEs  # noqa: PLC0415
-        from fin_optimizer.search.genetic import GeneticAlgorithm  # noqa: PLC0415
-
-        if name == "cma_es":
-            return OneByOne(CmaEs(space, seed, population))
-        genetic = GeneticAlgorithm(space, seed, deviations)
-        return OneByOne(replace(genetic, population=population or genetic.population))
-
-    def _plants(self) -> list[str]:
-        """Return the namespaces of the fish, empty for the node's own one."""
-        plants = cast("list[str]", self.values["plants"])
-        for plant in plants:
-            if not NAMESPACE_PATTERN.fullmatch(plant):
-                msg = f"plants has {plant!r}: give namespaces like /tank_a/fish, a slash, then letters, digits and _"
-                raise ValueError(msg)
-        if len(set(plants)) != len(plants):
-            msg = f"plants names a fish twice: {', '.join(plants)}"
-            raise ValueError(msg)
-        return list(plants)
-
-    def number(self, name: str) -> float:
-        """Return a parameter of type double."""
-        return cast("float", self.values[name])
-
-    def count(self, name: str) -> int:
-        """Return a parameter of type integer."""
-        return cast("int", self.values[name])
+        return self.settings.objective is Objective.SPEED_AND_COST
 
     def fin_of(self, values: Mapping[str, float]) -> dict[str, Value]:
         """Return the fin of a candidate as the plant's parameters; the plant itself judges whether it can be."""
@@ -126,7 +119,7 @@ class Plan:
         Raises:
             ValueError: The folder cannot be used, or its study has other settings.
         """
-        name = str(self.values["study_folder"]) or f"runs/{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
+        name = self.study_folder or f"runs/{datetime.now().astimezone():%Y-%m-%d_%H-%M-%S}"
         folder = given_path(name).absolute()
         try:
             if (folder / SETTINGS_FILE).exists():
@@ -135,3 +128,75 @@ class Plan:
         except OSError as error:
             msg = f"study_folder {folder} cannot be used: {error.strerror or error}; choose one that can be written"
             raise ValueError(msg) from error
+
+
+_AS_GIVEN = [field.name for field in fields(StudyPlan) if field.name in OPTIMIZER_PARAMETERS and field.name != "plants"]
+
+
+def _built(kind: type[_Description], values: Mapping[str, Any], prefix: str, **more: Any) -> _Description:
+    """Return what the parameters ``prefix`` + the names of its attributes describe.
+
+    Raises:
+        ValueError: The values do not fit together.
+    """
+    named: Any = kind
+    given = {f.name: values[prefix + f.name] for f in fields(named) if prefix + f.name in values}
+    return kind(**given, **more)
+
+
+def _unit(name: str) -> str:
+    return OPTIMIZER_PARAMETERS[name].unit
+
+
+def _varied(values: Mapping[str, Any]) -> dict[str, _Varied]:
+    """Return how each parameter that is searched is searched, by its name."""
+    varied = {name: _built(_Varied, values, f"search.{name.removeprefix('fin.')}.") for name in (MODULUS, _LENGTH)}
+    if varied[_LENGTH].minimum == varied[_LENGTH].maximum == 0.0:  # the default: the shape stays
+        del varied[_LENGTH]
+    return varied
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Which search is asked for: the parameters ``search.<name>``."""
+
+    algorithm: str
+    population: int
+
+
+def _search(values: Mapping[str, Any], space: Space, deviations: Mapping[str, float], objective: Objective) -> Search:
+    asked, seed = _built(_Asked, values, "search."), values["seed"]
+    if asked.algorithm == "hill_climber":
+        return HillClimber(space, seed, deviations)
+    if objective is Objective.SPEED_AND_COST:
+        msg = f"search.algorithm = {asked.algorithm} knows one objective only: use hill_climber for {objective}"
+        raise ValueError(msg)
+    # Both take longer to load than a study with the hill climber should wait.
+    from fin_optimizer.search.cma_es import CmaEs  # noqa: PLC0415
+    from fin_optimizer.search.genetic import GeneticAlgorithm  # noqa: PLC0415
+
+    if asked.algorithm == "cma_es":
+        return OneByOne(CmaEs(space, seed, asked.population or None))
+    genetic = GeneticAlgorithm(space, seed, deviations)
+    return OneByOne(replace(genetic, population=asked.population or genetic.population))
+
+
+def _plants(names: Sequence[str]) -> tuple[str, ...]:
+    for name in names:
+        if not NAMESPACE_PATTERN.fullmatch(name):
+            msg = f"plants has {name!r}: give namespaces like /tank_a/fish, a slash, then letters, digits and _"
+            raise ValueError(msg)
+    if len(set(names)) != len(names):
+        msg = f"plants names a fish twice: {', '.join(names)}"
+        raise ValueError(msg)
+    return tuple(names)
+
+
+def _settings(values: Mapping[str, Any], space: Space, objective: Objective, fin: Fin) -> Settings:
+    policy = _built(Policy, values, "")
+    elsewhere = {*asdict(policy), "objective", *space.names}
+    deciding = OPTIMIZER_PARAMETERS.deciding_swims.keys() - elsewhere
+    details: dict[str, object] = {name: value for name, value in values.items() if name in deciding}
+    if _LENGTH in space.names:
+        details[AREA] = fin.area
+    return Settings(space, policy, details, objective)
