@@ -178,12 +178,12 @@ def _statements(node: ast.stmt) -> Iterator[ast.stmt]:
         yield changed
 
 
-def survivors(module: ModuleType, tests: Sequence[Path], texts: Sequence[str], folder: Path) -> list[int]:
+def survivors(module: ModuleType, tests: Sequence[Path | str], texts: Sequence[str], folder: Path) -> list[int]:
     """Run tests on texts in the place of a module; return the places of those that no test notices.
 
     Args:
         module: What is replaced.
-        tests: Files of tests, the quickest first.
+        tests: Files of tests or single ones (``file::name``), the quickest first.
         texts: Source of each mutant.
         folder: Empty, for files.
 
@@ -205,13 +205,13 @@ def survivors(module: ModuleType, tests: Sequence[Path], texts: Sequence[str], f
 
 
 def check_every_mutant(
-    module: ModuleType, tests: Sequence[Path], equivalent: dict[str, str], folder: Path, largest: int = 400
+    module: ModuleType, tests: Sequence[Path | str], equivalent: dict[str, str], folder: Path, largest: int = 400
 ) -> None:
     """Check that the module passes its tests and that each of its mutants is killed or explained.
 
     Args:
         module: What is changed.
-        tests: Files of tests, the quickest first.
+        tests: Files of tests or single ones (``file::name``), the quickest first.
         equivalent: Mutants that do the same as the original, with the reason.
         folder: Empty, for files.
         largest: Mutants that are tried at most; of more, a drawn but fixed choice.

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from fin_optimizer.search import genetic
 from fin_optimizer.search.cma_es import CmaEs
 from fin_optimizer.search.genetic import Generation, GeneticAlgorithm, PopulationSearch, mutated
-from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.search.space import Dimension, Space, generator
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    import cmaes
     from numpy.typing import NDArray
 
 LINE = Space((Dimension("fin.young_modulus", 0.5, 4.0, "GPa"),))
@@ -61,6 +63,7 @@ def test_the_best_tenth_goes_on_unchanged_and_nothing_leaves_the_range() -> None
     history = played(line(), 5)
     best = history[-1].values[np.argsort(-history[-1].scores, kind="stable")[:10]]
     following = line().propose(history)
+    assert following.shape == (100, 1)
     assert np.array_equal(following[:10], best)
     assert following.min() >= 0.5
     assert following.max() <= 4.0
@@ -115,20 +118,140 @@ def test_cma_finds_the_optimum_and_ranks_a_missing_score_last() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong",
+    ("wrong", "message"),
     [
-        lambda: GeneticAlgorithm(LINE, -1, {"fin.young_modulus": 1.0}),
-        lambda: GeneticAlgorithm(LINE, 1, {"fin.young_modulus": 0.0}),
-        lambda: GeneticAlgorithm(LINE, 1, {"fin.length": 1.0}),
-        lambda: GeneticAlgorithm(LINE, 1, {"fin.young_modulus": 1.0}, population=1),
-        lambda: GeneticAlgorithm(LINE, 1, {"fin.young_modulus": 1.0}, elite=1.5),
-        lambda: CmaEs(LINE, 1),
-        lambda: CmaEs(PLANE, 1, deviation=0.0),
-        lambda: CmaEs(PLANE, 1).propose([Generation(np.zeros((2, 2)), np.zeros(2))]),
-        lambda: Generation(np.zeros((2, 1)), np.zeros(3)),
-        lambda: Generation(np.zeros((1, 1)), np.array([np.inf])),
+        (lambda: GeneticAlgorithm(LINE, -1, {"fin.young_modulus": 1.0}), "seed = -1"),
+        (lambda: GeneticAlgorithm(LINE, 1, {"fin.young_modulus": 0.0}), "mutation of fin.young_modulus = 0"),
+        (lambda: GeneticAlgorithm(LINE, 1, {"fin.length": 1.0}), "mutations are given for"),
+        (lambda: GeneticAlgorithm(LINE, 1, {"fin.young_modulus": 1.0}, population=1), "population = 1"),
+        (lambda: GeneticAlgorithm(LINE, 1, {"fin.young_modulus": 1.0}, tournament=0), "tournament = 0"),
+        (lambda: GeneticAlgorithm(LINE, 1, {"fin.young_modulus": 1.0}, elite=1.5), "elite = 1.5"),
+        (lambda: CmaEs(LINE, 1), "at least 2 parameters"),
+        (lambda: CmaEs(PLANE, -1), "seed = -1"),
+        (lambda: CmaEs(PLANE, 1, population=4), "population = 4"),
+        (lambda: CmaEs(PLANE, 1, deviation=0.0), "deviation = 0"),
+        (lambda: CmaEs(PLANE, 1, deviation=1.5), "deviation = 1.5"),
+        (lambda: CmaEs(PLANE, 1).propose([Generation(np.zeros((2, 2)), np.zeros(2))]), "2 scores, 6 candidates"),
+        (lambda: Generation(np.zeros((2, 1)), np.zeros(3)), "do not fit"),
+        (lambda: Generation(np.zeros((1, 1)), np.array([np.inf])), "candidate 0 is infinite"),
     ],
 )
-def test_what_cannot_be_is_refused(wrong: Callable[[], object]) -> None:
-    with pytest.raises(ValueError, match=r".+"):
+def test_what_cannot_be_is_refused(wrong: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         wrong()
+
+
+@pytest.mark.parametrize(
+    "right",
+    [
+        lambda: GeneticAlgorithm(LINE, 0, {"fin.young_modulus": 1.0}, population=2, tournament=1, elite=0.0),
+        lambda: GeneticAlgorithm(LINE, 1, {"fin.young_modulus": 1.0}, elite=1.0),
+        lambda: CmaEs(PLANE, 0, population=5, deviation=1.0),
+    ],
+)
+def test_the_ends_of_what_can_be_are_allowed(right: Callable[[], PopulationSearch]) -> None:
+    assert len(right().propose([])) > 1
+
+
+def mutated_one_by_one(
+    space: Space, parents: NDArray[np.float64], deviations: NDArray[np.float64], seed: int, redraws: int
+) -> NDArray[np.float64]:
+    """Do as `mutated` says, gene by gene."""
+    random = np.random.default_rng(seed)
+    children = np.array(
+        [[gene + each * random.standard_normal() for gene, each in zip(p, deviations, strict=True)] for p in parents]
+    )
+    for draw in range(redraws + 1):
+        for row, column in np.ndindex(children.shape):
+            dimension = space.dimensions[column]
+            if not dimension.minimum <= children[row, column] <= dimension.maximum:
+                again = parents[row, column] + deviations[column] * random.standard_normal() if draw < redraws else None
+                even = random.uniform(dimension.minimum, dimension.maximum) if again is None else again
+                children[row, column] = even
+    return children
+
+
+@pytest.mark.parametrize("redraws", [0, 1, 1000])
+def test_a_gene_outside_is_drawn_again_and_at_last_evenly(redraws: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(genetic, "_REDRAWS", redraws)
+    parents = np.tile([[0.6, 5.0], [9.0, 13.5], [5.0, 9.0]], (5, 1))
+    deviations = np.array([4.0, 6.0])
+    children = mutated(PLANE, parents, deviations, np.random.default_rng(4))
+    assert np.array_equal(children, mutated_one_by_one(PLANE, parents, deviations, 4, redraws))
+
+
+@pytest.mark.parametrize("redraws", [0, 1000])
+def test_a_mutation_too_small_for_a_float_stays_on_the_bound(redraws: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(genetic, "_REDRAWS", redraws)
+    bounds = np.array([[0.5], [4.0]])
+    assert np.array_equal(mutated(LINE, bounds, np.array([1e-20]), np.random.default_rng(1)), bounds)
+
+
+def test_crossover_cuts_three_genes_behind_the_first_or_the_second() -> None:
+    """The first parent's genes stand before the cut, drawn in the order that the docstrings tell."""
+    space = Space(tuple(Dimension(name, 0.0, 10.0) for name in "abc"))
+    values = np.array([[1.0, 1.0, 1.0], [2.0, 2.0, 2.0], [3.0, 3.0, 3.0]])
+    steps = dict.fromkeys("abc", 1e-9)
+    search = GeneticAlgorithm(space, 1, steps, population=50, elite=0.0, tournament=1, crossover=True)
+    children = search.propose([Generation(values, np.zeros(3))])
+    random = generator(1, 1)
+    first, second = (random.integers(0, 3, (50, 1))[:, 0] + 1.0 for _ in range(2))
+    cuts = random.integers(1, 3, 50)
+    expected = [[a] * cut + [b] * (3 - cut) for a, b, cut in zip(first, second, cuts, strict=True)]
+    assert np.round(children, 3).tolist() == expected
+    assert {1, 2} == set(cuts.tolist())
+
+
+def test_with_one_gene_crossover_has_nothing_to_cut() -> None:
+    steps = {"fin.young_modulus": 1e-9}
+    search = GeneticAlgorithm(LINE, 1, steps, population=20, crossover=True)
+    children = search.propose([Generation(np.full((20, 1), 2.0), np.zeros(20))])
+    assert children.shape == (20, 1)
+    assert children == pytest.approx(2.0)
+
+
+def test_without_a_score_a_candidate_ranks_behind_any_other() -> None:
+    assert Generation(np.zeros((3, 1)), np.array([np.nan, -5.0, 3.0])).ranked().tolist() == [-np.inf, -5.0, 3.0]
+
+
+def test_cma_counts_a_missing_score_as_the_worst_of_its_generation() -> None:
+    values = CmaEs(PLANE, 3).propose([])
+    missing = Generation(values, np.array([np.nan, 4.0, 2.0, 6.0, 5.0, 3.0]))
+    worst = Generation(values, np.array([2.0, 4.0, 2.0, 6.0, 5.0, 3.0]))
+    assert np.array_equal(CmaEs(PLANE, 3).propose([missing]), CmaEs(PLANE, 3).propose([worst]))
+
+
+def test_cma_begins_anywhere_in_the_box_and_puts_nothing_on_its_border() -> None:
+    starts = np.vstack([CmaEs(PLANE, seed).propose([]) for seed in range(40)])
+    assert ((starts > [0.5, 4.0]) & (starts < [10.0, 14.0])).all()
+    means = np.array([CmaEs(PLANE, seed)._optimiser().mean for seed in range(40)])
+    assert 0.0 < means.min() < 0.1
+    assert 0.9 < means.max() < 1.0
+
+
+def test_cma_goes_on_from_what_it_was_told_and_begins_again_for_another_history(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    begun: list[int] = []
+    begin = CmaEs._optimiser
+
+    def noted(search: CmaEs) -> cmaes.CMA:
+        begun.append(search.seed)
+        return begin(search)
+
+    monkeypatch.setattr(CmaEs, "_optimiser", noted)
+    search = CmaEs(PLANE, 7)
+    history = played(search, 5)
+    assert np.array_equal(search.propose(history), search.propose(history))
+    search.propose(history[:3])
+    assert len(begun) == 1
+    other = [scored(history[0].values + 0.1), *history[1:]]
+    proposed = search.propose(other)
+    assert len(begun) == 2
+    assert np.array_equal(proposed, CmaEs(PLANE, 7).propose(other))
+
+
+def test_a_pickled_search_carries_no_random_numbers() -> None:
+    search = CmaEs(PLANE, 7)
+    played(search, 2)
+    assert pickle.dumps(search) == pickle.dumps(CmaEs(PLANE, 7))

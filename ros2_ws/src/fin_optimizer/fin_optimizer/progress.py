@@ -54,14 +54,15 @@ class Display(Protocol):
         """Leave the terminal as it was."""
 
 
-def display(stream: TextIO, total: int, settled: int, *, several: bool = False) -> Display:
+def display(
+    stream: TextIO, total: int, settled: int, *, several: bool = False, clock: Callable[[], float] = time.monotonic
+) -> Display:
     """Return what suits the stream, for a study of ``total`` candidates of which ``settled`` need no more trials.
 
-    Where ``several`` fish swim, each line names the one.
+    Where ``several`` fish swim, each line names the one. ``clock`` is the time in s.
     """
-    if stream.isatty():
-        return LiveLine(stream, total, settled, several=several)
-    return PlainLines(stream, total, settled, several=several)
+    kind = LiveLine if stream.isatty() else PlainLines
+    return kind(stream, total, settled, clock, several=several)
 
 
 def summary(trial: TrialRecord) -> str:
@@ -95,7 +96,7 @@ class TimeLeft:
         clock: Time in s.
     """
 
-    def __init__(self, total: int, settled: int, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, total: int, settled: int, clock: Callable[[], float]) -> None:
         self._total, self._first, self._clock = total, settled, clock
         self._under_way = 0
         self._since = self._worked = 0.0
@@ -149,13 +150,15 @@ def live_line(width: int, count: str, values: str, state: str, best: str, left: 
 
 
 class PlainLines:
-    """One line a trial, for a file or a pipe."""
+    """One line a trial, for a file or another program."""
 
-    def __init__(self, stream: TextIO, total: int, settled: int, *, several: bool = False) -> None:
+    def __init__(
+        self, stream: TextIO, total: int, settled: int, clock: Callable[[], float], *, several: bool = False
+    ) -> None:
         self._stream = stream
         self._several = several
         self._total = total
-        self._left = TimeLeft(total, settled)
+        self._left = TimeLeft(total, settled, clock)
 
     def begin(self, trial: TrialRecord) -> None:  # noqa: ARG002  (as a `Display`)
         """Show nothing: the line comes with the result."""
@@ -181,7 +184,9 @@ class PlainLines:
 class LiveLine:
     """One line a trial, and below it one that is redrawn in place; it fits 80 columns, and has a bar in more."""
 
-    def __init__(self, stream: TextIO, total: int, settled: int, *, several: bool = False) -> None:
+    def __init__(
+        self, stream: TextIO, total: int, settled: int, clock: Callable[[], float], *, several: bool = False
+    ) -> None:
         # Loaded only where there is a terminal: it takes a tenth of a second.
         from rich.console import Console  # noqa: PLC0415
         from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn  # noqa: PLC0415
@@ -194,9 +199,11 @@ class LiveLine:
         if console.width >= _WIDTH_WITH_BAR:
             columns.append(BarColumn(bar_width=_BAR_WIDTH))
         self._total = total
-        self._left = TimeLeft(total, settled)
+        self._left = TimeLeft(total, settled, clock)
         self._several = several
-        self._drawn = self._begun = 0.0
+        self._clock = clock
+        self._drawn = -math.inf
+        self._begun = clock()
         self._count = f"fin {min(settled + 1, total)} of {total}"
         self._values = self._now = self._last = self._time_left = ""
         self._best = show_best(None)
@@ -212,13 +219,13 @@ class LiveLine:
     def begin(self, trial: TrialRecord) -> None:
         """Show the candidate."""
         self._left.begin()
-        self._begun = time.monotonic()
+        self._begun = self._clock()
         self._values, self._count = show_values(trial.values), count(trial, self._total)
         self._line.update(self._task, line=self._text())
 
     def show(self, phase: str, note: str) -> None:
         """Redraw the line some times a second: with the last speed, or with the phase of a trial that takes long."""
-        now = time.monotonic()
+        now = self._clock()
         if now - self._drawn < 1.0 / _REDRAWS_PER_SECOND:
             return
         self._drawn = now

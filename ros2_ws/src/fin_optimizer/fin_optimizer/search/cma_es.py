@@ -70,16 +70,13 @@ class CmaEs:
     def propose(self, history: Sequence[Generation]) -> NDArray[np.float64]:
         """Return the next generation, shape (population, parameters)."""
         replay = self._replays[-1] if self._replays else None
-        if (
-            replay is None
-            or len(replay.told) > len(history)
-            or any(a is not b for a, b in zip(replay.told, history, strict=False))
-        ):
+        if replay is None or any(a is not b for a, b in zip(replay.told, history, strict=False)):
             replay = _Replay(self._optimiser())
             self._replays[:] = [replay]
         while len(replay.asked) <= len(history):
             if replay.asked:
                 self._tell(replay, history[len(replay.told)])
+            # x_k = m + sigma y_k, y_k ~ N(0, C) (Hansen 2016, eq. 38 to 40), drawn by the library
             replay.asked.append(np.array([replay.optimiser.ask() for _ in range(replay.optimiser.population_size)]))
         low = np.array([dimension.minimum for dimension in self.space.dimensions])
         high = np.array([dimension.maximum for dimension in self.space.dimensions])
@@ -93,7 +90,7 @@ class CmaEs:
             sigma=self.deviation,
             bounds=np.tile([0.0, 1.0], (count, 1)),
             seed=int(random.integers(_LARGEST_SEED)),
-            population_size=self.population,
+            population_size=self.population,  # None: 4 + floor(3 ln n) (eq. 48)
         )
 
     def _tell(self, replay: _Replay, generation: Generation) -> None:
@@ -106,5 +103,6 @@ class CmaEs:
         known = generation.scores[~np.isnan(generation.scores)]
         worst = float(known.min()) if known.size else 0.0
         scores = np.where(np.isnan(generation.scores), worst, generation.scores)
+        # The best half moves mean, step and covariance (eq. 41 to 47, in the library); it looks for the least.
         replay.optimiser.tell([(values, -float(score)) for values, score in zip(asked, scores, strict=True)])
         replay.told.append(generation)

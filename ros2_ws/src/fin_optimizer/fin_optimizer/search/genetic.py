@@ -79,6 +79,7 @@ def mutated(
     What does not fall inside in a thousand draws is drawn uniformly; see `search.gaussian_step` for the reasons.
     """
     low, high = _bounds(space)
+    # x' = x + sigma N(0, 1), every gene (Clark et al. 2012, who number no equation of the search; sigma^2 = 0.1)
     result = parents + deviations * random.standard_normal(parents.shape)
     for _ in range(_REDRAWS):
         rows, columns = np.nonzero((result < low) | (result > high))
@@ -134,11 +135,13 @@ class GeneticAlgorithm:
             return random.uniform(low, high, (self.population, len(low)))
         last = history[-1]
         ranked = last.ranked()
+        # Elitism: the best tenth goes on (Raja Mohamed & Raviraj).
         elite = np.argsort(-ranked, kind="stable")[: round(self.elite * self.population)]
         children = self.population - len(elite)
         parents = last.values[self._winners(ranked, children, random)]
         if self.crossover:
             others = last.values[self._winners(ranked, children, random)]
+            # One-point crossover (Clark et al. 2012): genes before the cut from the one, behind it from the other.
             cut = random.integers(1, len(low), children) if len(low) > 1 else np.ones(children, dtype=int)
             parents = np.where(np.arange(len(low)) < cut[:, None], parents, others)
         deviations = np.array([self.deviations[name] for name in self.space.names])
@@ -146,6 +149,7 @@ class GeneticAlgorithm:
 
     def _winners(self, ranked: NDArray[np.float64], count: int, random: np.random.Generator) -> NDArray[np.intp]:
         """Return the best of each of ``count`` tournaments, as indices."""
+        # Tournament of three, drawn with replacement (Raja Mohamed & Raviraj).
         drawn = random.integers(0, len(ranked), (count, self.tournament))
         best = np.argmax(ranked[drawn], axis=1)
         return np.asarray(drawn[np.arange(count), best])

@@ -36,6 +36,7 @@ def gaussian_step(
     """
     result: Values = {}
     for dimension in space.dimensions:
+        # x' = x + sigma N(0, 1) (Clark et al. 2012, who number no equation of the search; sigma^2 = 0.1 GPa^2)
         steps = centre[dimension.name] + deviations[dimension.name] * random.standard_normal(_REDRAWS)
         inside = steps[(steps >= dimension.minimum) & (steps <= dimension.maximum)]
         drawn = inside[0] if inside.size else random.uniform(dimension.minimum, dimension.maximum)
@@ -83,6 +84,7 @@ class HillClimber:
     def propose(self, history: Sequence[Evaluation]) -> Values:
         """Return the candidate that follows ``history``."""
         random = generator(self.seed, len(history))
+        # The parent is drawn evenly from the population, which is the front (Laumanns, Thiele & Zitzler 2004: SEMO).
         front = pareto_front(history)
         incumbent = history[front[random.integers(len(front))]] if front else best(history)
         if incumbent is None:

@@ -52,10 +52,6 @@ class Dimension:
             )
             raise ValueError(msg)
 
-    def contains(self, value: float) -> bool:
-        """Whether ``value`` is finite and inside the range, ends included."""
-        return math.isfinite(value) and self.minimum <= value <= self.maximum
-
 
 @dataclass(frozen=True)
 class Space:
@@ -145,6 +141,7 @@ def pareto_front(history: Sequence[Evaluation]) -> list[int]:
 
     Of several that are equal in both, the first one counts. Those without a score or without a cost do not.
     """
+    # Maxima of plane vectors in one pass over the sorted ones (Kung, Luccio & Preparata, J. ACM 22, 1975).
     known = [
         (-entry.score, entry.cost, place)
         for place, entry in enumerate(history)
