@@ -29,6 +29,7 @@ ROS_MODULES = {
     "fin_plant.topics",
     "fin_servo_driver.driver_client",
     "fin_servo_driver.emergency_stop",
+    "fin_servo_driver.managed_node",
     "fin_servo_driver.operator",
     "fin_servo_driver.rehearsal",
     "fin_servo_driver.servo_driver",

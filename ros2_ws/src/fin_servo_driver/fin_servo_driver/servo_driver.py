@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from rclpy.impl.implementation_singleton import rclpy_implementation
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
 from std_srvs.srv import Trigger
@@ -30,21 +28,22 @@ from fin_plant.messages import (
 from fin_plant.node_parameters import NodeParameters
 from fin_plant.plant_state import EMERGENCY, LIMITS, PlantState, State
 from fin_servo_driver import backends, robot_file
+from fin_servo_driver.accepted_gait import AcceptedGait, End, not_started
 from fin_servo_driver.diagnosis import Counters, describe
 from fin_servo_driver.emergency_stop import EmergencyStop
 from fin_servo_driver.io_thread import IoThread
 from fin_servo_driver.line import DeviceError
+from fin_servo_driver.managed_node import ManagedNode
 from fin_servo_driver.port import SerialLine, name_warning
 from fin_servo_driver.relay import RelayMotion
 from fin_servo_driver.robot_states import NOT_CONFIGURED, Device, RobotStates, Waiting
 from fin_servo_driver.set_points import ServoMotion
-from fin_servo_driver.tail import Command, Phase, Settings
+from fin_servo_driver.tail import Phase, Settings
 from fin_servo_driver.wall_clock import stamp_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from lifecycle_msgs.srv import ChangeState
     from rclpy.node import Node
 
     from fin_plant.parameters import Value
@@ -52,82 +51,14 @@ if TYPE_CHECKING:
     from fin_servo_driver.robot_states import Answer, Standing
     from fin_servo_driver.set_points import Motion
 
-RCLError = rclpy_implementation.RCLError
 PARAMETERS = node_table("fin_servo_driver", "servo_driver")
 MEASURED, COMMANDED = "measured", "commanded"
 """What joint_states carries, as its frame_id: a joint state has no frame of its own."""
 # What a line that stalls may add to the time that the tail takes to neutral.
 _STALL_SECONDS = 1.6
-# The I/O thread takes a command within a tick, unless the device keeps it waiting; after this it is given up.
-_TAKE_SECONDS = 0.3
 _ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
 _NICE = -10
 _PSEUDO_TERMINALS = "/dev/pts/"
-_NOT_STARTED = f"the tail did not start within {_TAKE_SECONDS:g} s: the device answers too slowly"
-
-
-class _ManagedNode(LifecycleNode):
-    """The node; its transitions are the driver's."""
-
-    driver: ServoDriver
-
-    def refuse_what_is_no_transition(self) -> None:
-        """Refuse a transition that the node's state does not have: rclpy would end the node with an exception."""
-        service = self._service_change_state
-        change_state = service.callback
-
-        def guarded(request: ChangeState.Request, response: ChangeState.Response) -> ChangeState.Response:
-            try:
-                change_state(request, response)
-            except RCLError as error:
-                self.get_logger().error(f"transition refused: {error}")  # type: ignore[no-untyped-call]
-                response.success = False
-            return response
-
-        service.callback = guarded
-
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Open and check the port."""
-        del state
-        return self._result("configure", self.driver.configure)
-
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Arm."""
-        del state
-        return self._result("activate", self.driver.arm)
-
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go to neutral and disarm."""
-        del state
-        return self._result("deactivate", self.driver.disarm)
-
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close the port."""
-        del state
-        return self._result("clean up", self.driver.release)
-
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Go to neutral, disarm and close the port."""
-        del state
-        return self._result("shut down", self.driver.release)
-
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Leave everything safe; the driver can then be configured anew."""
-        del state
-        return self._result("recover", self.driver.recover)
-
-    def _result(self, what: str, work: object) -> TransitionCallbackReturn:
-        """Do the work; a refusal keeps the state, anything unforeseen leads to `on_error`."""
-        try:
-            work()  # type: ignore[operator]
-        except (ValueError, DeviceError) as error:
-            self.driver.refused(what, str(error))
-            return TransitionCallbackReturn.FAILURE
-        except Exception as error:  # noqa: BLE001 - rclpy would swallow it without a word
-            self.driver.refused(what, f"unforeseen: {error!r}")
-            return TransitionCallbackReturn.ERROR
-        self.driver.publish_state()
-        return TransitionCallbackReturn.SUCCESS
 
 
 class ServoDriver:
@@ -139,7 +70,7 @@ class ServoDriver:
         Raises:
             ValueError: A start parameter that is refused.
         """
-        managed = _ManagedNode("servo_driver", namespace=topics.NAMESPACE, allow_undeclared_parameters=True)
+        managed = ManagedNode("servo_driver", namespace=topics.NAMESPACE, allow_undeclared_parameters=True)
         managed.driver = self
         managed.refuse_what_is_no_transition()
         self.node: Node = managed
@@ -153,9 +84,7 @@ class ServoDriver:
         self._refusal = ""
         self._states = RobotStates(self._values)
         self._emergency_seen = True
-        self._sent: Command | None = None
-        self._gait_since = 0.0
-        self._followed = False
+        self._accepted_gait = AcceptedGait()
         self._applied = Gait.from_rows([[0.0, 0.0, 0.0, 0.0]])
         self._counters = Counters()
         self._stamp = 0
@@ -331,8 +260,7 @@ class ServoDriver:
     def _rest(self, reason: str = "") -> None:
         """Note that the tail swims no more."""
         self._states.rest(reason)
-        self._sent = None
-        self._followed = False
+        self._accepted_gait.forget()
         if self._motion is None:
             return
         rows = np.zeros((self._motion.joints, 4))
@@ -382,12 +310,9 @@ class ServoDriver:
             return
         if gait is None:
             return
-        beats = self._sent is not None and self._sent.gait.moves
-        if self._sent is None or not self._sent.gait.same_as(gait):
-            self._gait_since = now
+        beats = self._accepted_gait.moves
         self._counters.follow()
-        self._sent = Command(gait, now, self._gait_since)
-        self._need_io().mailbox.put(self._sent)
+        self._need_io().mailbox.put(self._accepted_gait.command(gait, now))
         since = self._states.swimming_since
         self._states.rest()
         # A gait's end lasts until the tail stands, see `_follow_phase`; another gait before that is another swim.
@@ -471,20 +396,16 @@ class ServoDriver:
 
         Or that it has stopped by itself, or has not started: no fresh gait, or something of the device.
         """
-        if self._sent is None:
-            return
         health = io.health
-        if not self._sent.gait.moves and health.still and health.commanded >= self._gait_since:
+        if self._accepted_gait.stands(health):
             self._states.swimming_since = None
-        following = io.health.phase in {Phase.FOLLOWING, Phase.STOPPING}
-        self._followed = self._followed or following
-        overdue = time.monotonic() - self._gait_since > _TAKE_SECONDS
-        if following or not (self._followed or overdue):
+        end = self._accepted_gait.ended(health, time.monotonic())
+        if end is None:
             return
         io.stop_tail()  # it may be about to start: what is said of it here must stay true
         reason = io.health.refusal
-        if not reason and self._sent.gait.moves and self._states.swimming_since is not None and io.health.connected:
-            reason = self._no_fresh_gait() if self._followed else _NOT_STARTED
+        if not reason and self._accepted_gait.moves and self._states.swimming_since is not None and io.health.connected:
+            reason = self._no_fresh_gait() if end is End.STOPPED else not_started(io.health)
         if reason:
             self._log.warning(reason)
         self._rest(reason)
