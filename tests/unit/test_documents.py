@@ -94,3 +94,16 @@ def test_a_parameter_file_that_comes_with_the_package_swims_as_it_says(
     monkeypatch.chdir(file.parent)
     (command,) = re.findall(r"^#   (swim .*?)(?:   .*)?$", file.read_text(encoding="utf-8"), re.MULTILINE)
     assert swim(command, capsys) > 0.01
+
+
+def test_what_the_page_on_the_architecture_names_is_there() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    files = [path for folder in ("ros2_ws/src", "tests", "docs") for path in (ROOT / folder).rglob("*")]
+    known = "\n".join(f"/{path.relative_to(ROOT)}" for path in files)
+    named = re.findall(r"`(?:[\w./]+: )?([\w./]+)`", page)
+    paths = {word.rstrip("/") for word in named if re.search(r"\.(py|md)$|/$", word)} - {"bags/trial_*"}
+    assert sorted(path for path in paths if f"/{path}" not in known) == []
+    code = "\n".join(path.read_text(encoding="utf-8") for path in files if path.suffix == ".py")
+    names = {word.rpartition(".")[2] for word in named if "/" not in word and not word.endswith((".py", ".md"))}
+    files_on_disk = {"json", "log", "end", "csv"}
+    assert sorted(n for n in names - files_on_disk if not re.search(rf"\b{n}\b", code) and f"/{n}." not in known) == []
