@@ -16,7 +16,7 @@ setup: ## prepare everything: packages and the workspace; quick when nothing cha
 
 .PHONY: demo
 demo: setup ## optimise the paper fin: 30 simulated trials, one bag each, results in runs/; PLANT=rehearsal for the robot's path
-	@./run fin_optimizer bringup plant:=$(PLANT) $(ARGS)
+	@./run fin_bringup bringup plant:=$(PLANT) $(ARGS)
 
 .PHONY: test
 test: setup ## unit tests, then graph tests with the real nodes; PYTEST_ARGS="-k name" narrows them

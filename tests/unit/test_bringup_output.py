@@ -30,17 +30,23 @@ while [ ! -e {folder}/{name}_may_end ]; do echo "going on" >&2; sleep 0.05; done
 say "ended by itself"
 exit 3
 """
-BRINGUP = "import sys; from fin_bringup import bringup; {defect}sys.argv[1:] = ['trials:=1']; sys.exit(bringup.main())"
+BRINGUP = """
+import sys
+from fin_bringup import bringup, processes
+{defect}
+sys.argv[1:] = ['trials:=1']
+sys.exit(bringup.main())
+"""
 DEFECT = """
 from pathlib import Path
 
-def defect(self, echo=bringup.Child.echo, left=[{times}]):
+def defect(self, echo=processes.Child.echo, left=[{times}]):
     if left[0] and Path('{trigger}').exists():
         left[0] -= 1
         raise RuntimeError('a defect')
     return echo(self)
 
-bringup.Child.echo = defect
+processes.Child.echo = defect
 """
 
 

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from fin_bringup import study_nodes
-from fin_bringup.bringup import find_executable, parse, usage
+from fin_bringup.bringup import parse, usage
+from fin_bringup.processes import find_executable
 
 LAUNCH_FILE = Path(study_nodes.__file__).parents[1] / "launch" / "study.launch.py"
 

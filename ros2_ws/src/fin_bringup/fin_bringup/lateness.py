@@ -25,7 +25,7 @@ import numpy as np
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 
-from fin_bringup.bringup import find_executable
+from fin_bringup.processes import find_executable
 from fin_plant import checks, node_process, topics
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def measure(device: str, seconds: float) -> Lateness:
         words += [f"study_folder:={folder}/study", "disk.minimum_free:=0"]
         with said.open("wb") as output:
             study = subprocess.Popen(  # noqa: S603
-                [find_executable("fin_optimizer", "bringup"), *words], stdout=output, stderr=output
+                [find_executable("fin_bringup", "bringup"), *words], stdout=output, stderr=output
             )
         listener = _Listener()
         try:

@@ -1,4 +1,4 @@
-"""Start a study: ros2 launch fin_optimizer study.launch.py plant:=sim trials:=30 seed:=1.
+"""Start a study: ros2 launch fin_bringup study.launch.py plant:=sim trials:=30 seed:=1.
 
 `ros2 launch` ends with the optimiser's exit code, as `bringup` does.
 """

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-EXIT_OK = 0
+EXIT_OK = ros_environment.EXIT_OK
 END_BY_SIGNAL_IS_SUCCESS = "FIN_END_BY_SIGNAL_IS_SUCCESS"
 """Environment variable; where it is set a node that was ended by a signal ends with exit code 0, for `ros2 launch`."""
-EXIT_FAILURE = 1
+EXIT_FAILURE = ros_environment.EXIT_FAILURE
 EXIT_USAGE = ros_environment.EXIT_USAGE
 # A callback that waits on nothing returns at once; this bounds how late a stop is seen.
 _SPIN_SECONDS = 0.1

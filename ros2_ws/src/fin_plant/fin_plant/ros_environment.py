@@ -18,6 +18,8 @@ from fin_plant.private_folder import private_folder
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, MutableMapping
 
+EXIT_OK = 0
+EXIT_FAILURE = 1
 EXIT_USAGE = 2
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
