@@ -13,7 +13,7 @@ import pytest
 
 from fin_bringup import study_nodes
 from fin_bringup.bringup import parse, usage
-from fin_bringup.processes import find_executable
+from fin_bringup.processes import SECONDS_TO_END, find_executable
 
 LAUNCH_FILE = Path(study_nodes.__file__).parents[1] / "launch" / "study.launch.py"
 
@@ -252,6 +252,7 @@ def test_the_launch_file_starts_the_same_nodes(launch_file: dict[str, Any], give
         (spec.package, spec.executable, spec.name, spec.namespace) for spec in expected
     ]
     assert [node["parameters"] for node in started] == [[dict(spec.parameters)] for spec in expected]
+    assert {float(node["sigterm_timeout"]) for node in started} == {SECONDS_TO_END}
 
 
 def said(actions: list[Recorded]) -> list[tuple[str, Any]]:

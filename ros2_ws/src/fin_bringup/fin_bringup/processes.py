@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
     from fin_bringup.study_nodes import NodeSpec
 
+SECONDS_TO_END = 20.0
+"""s that a node gets from the first signal: a robot's driver leads its tail to neutral, which takes 10 s at most."""
 # How a process is asked to end, whatever signal came here, with the seconds that it gets. The nodes treat SIGINT and
 # SIGTERM alike once they run; while Python still loads them, SIGTERM ends them without a traceback. The optimiser
 # closes a bag and a journal, for which a slow disk may need its time.
-_WAYS_TO_END = ((signal.SIGTERM, 20.0), (signal.SIGKILL, 5.0))
+_WAYS_TO_END = ((signal.SIGTERM, SECONDS_TO_END), (signal.SIGKILL, 5.0))
 _LAST_WORDS = 20
 # From <linux/prctl.h>.
 _PR_SET_PDEATHSIG = 1

@@ -18,6 +18,7 @@ from launch.events.process import ShutdownProcess
 from launch_ros.actions import Node
 
 from fin_bringup import study_nodes
+from fin_bringup.processes import SECONDS_TO_END
 from fin_plant.node_process import END_BY_SIGNAL_IS_SUCCESS
 
 if TYPE_CHECKING:
@@ -68,6 +69,7 @@ def _node(spec: study_nodes.NodeSpec, on_exit: object) -> Node:
         parameters=[dict(spec.parameters)],
         additional_env={END_BY_SIGNAL_IS_SUCCESS: "1"},  # launch ends plants by a signal; other codes it calls a death
         output="screen",
+        sigterm_timeout=str(SECONDS_TO_END),
         on_exit=on_exit,
     )
 
