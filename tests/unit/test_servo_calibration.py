@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import pty
+import random
 import signal
 import stat
 import subprocess
@@ -17,7 +18,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fin_servo_driver import backends, calibrate_servo, robot_file
-from fin_servo_driver.backends import dynamixel, maestro
 from fin_servo_driver.calibrate_servo import calibrate, main
 from fin_servo_driver.calibration import Calibration
 from fin_servo_driver.emulator.devices import Dynamixel, Firmata, Maestro
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from fin_servo_driver.backends.backend import Backend
+    from fin_servo_driver.line import Line
 
 
 class Logged(Dynamixel):
@@ -208,54 +208,54 @@ def test_no_step_of_the_ramp_is_longer_than_the_rate_allows_since_the_last_frame
 def test_set_points_on_the_wire_keep_the_slow_rate_or_the_joint_s_own(
     name: str, rate: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """At the start, to a new place, on turning round half-way, and when leaving half-way."""
+    """At the start, to a new place, on turning round half-way, and when leaving half-way, by a thread that is late."""
     text = robot_file.find(name).read_text()
     (tmp_path / "robot.yaml").write_text(text.replace("rate: 6.0", f"rate: {rate}"))
     robot = robot_file.load(tmp_path / "robot.yaml")
     joint = robot.servos[0]
     assert joint.rate == rate
     unit_rate = min(300.0, rate * joint.units_per_radian)
-    device = device_for(robot, lambda _: 0.05)
-    # Neither the driver nor the device may take a busy machine for a lost line.
-    monkeypatch.setattr(dynamixel, "_SILENCE_UNDER_FORCE", 60.0)
-    monkeypatch.setattr(maestro, "_SLACK", 1e6)
-    monkeypatch.setattr(device, "tick", lambda _: None)
-    wire = Wire(device)
-    monkeypatch.setattr(calibrate_servo, "SerialLine", lambda *_: wire)
+    clock, stop, late = OwnClock(), Stop(), random.Random(7)  # noqa: S311 - no secret
+    backend, device = backends.make(robot, clock), device_for(robot, lambda _: 0.05)
+    line = StoppableLine(wire := Wire(device, 0, clock), stop)
+    calibration = Calibration(joint, joint.centre, backend.lowest, backend.highest)
+    holder = Holder(backend, line, robot, calibration, stop, lambda _: None, clock)
     targets: list[tuple[float, float]] = []
-    backend = backends.make(robot)
-    send, enable = type(backend).send, type(backend).enable
+    send, enable = backend.send, backend.enable
 
-    def noted_send(self: Backend, line: object, outputs: dict[int, float]) -> None:
-        send(self, line, outputs)  # type: ignore[arg-type]
+    def noted_send(line: Line, outputs: dict[int, float]) -> None:
+        send(line, outputs)
         targets.append((wire.log[-1].at, outputs[joint.channel]))
 
-    def noted_enable(self: Backend, line: object, neutral: dict[int, float]) -> None:
-        enable(self, line, neutral)  # type: ignore[arg-type]
+    def noted_enable(line: Line, neutral: dict[int, float]) -> None:
+        enable(line, neutral)
         targets.append((wire.log[-1].at, neutral[joint.channel]))
 
-    monkeypatch.setattr(type(backend), "send", noted_send)
-    monkeypatch.setattr(type(backend), "enable", noted_enable)
+    monkeypatch.setattr(backend, "send", noted_send)
+    monkeypatch.setattr(backend, "enable", noted_enable)
 
-    def reached(position: float) -> bool:
-        return device.outputs.get(joint.channel) == position
+    def lead(until: Callable[[float], bool]) -> None:
+        begin = clock.now
+        while not until(targets[-1][1]):
+            assert clock.now - begin < 4.0 + 200.0 / unit_rate
+            clock.sleep((1.0 + 2.0 * late.random() ** 4) / backend.rate)
+            holder.step()
 
-    def lines() -> Iterator[str]:
-        wait_until(lambda: reached(joint.centre), 60.0, "the centre")
-        yield f"= {joint.centre + 40.0}"
-        wait_until(lambda: reached(joint.centre + 40.0), 60.0, "the place")
-        yield f"= {joint.centre - 100.0}"
-        wait_until(lambda: targets[-1][1] < joint.centre + 30.0, 60.0, "some of the way")
-        yield f"= {joint.centre + 100.0}"
-        wait_until(lambda: targets[-1][1] > joint.centre + 40.0, 60.0, "some of the way back")
-        yield "q"
-
-    assert calibrate(robot, 1, "", lines()) is None
+    backend.identify(line)
+    backend.disable(line)
+    holder.enable()
+    lead(lambda target: target == joint.centre)
+    calibration.obey(f"= {joint.centre + 40.0}")
+    lead(lambda target: target == joint.centre + 40.0)
+    calibration.obey(f"= {joint.centre - 100.0}")
+    lead(lambda target: target < joint.centre + 30.0)
+    calibration.obey(f"= {joint.centre + 100.0}")
+    lead(lambda target: target > joint.centre + 40.0)
+    holder.close()
     assert not any(device.outputs.values())
     assert len(targets) > 10
     for (before, a), (after, b) in itertools.pairwise(targets):
         assert abs(b - a) <= unit_rate * (after - before) + 1e-6
-    assert max(abs(b - a) for (_, a), (_, b) in itertools.pairwise(targets)) > 0.0
 
 
 def test_beyond_the_robot_file_s_range_only_after_a_yes_to_both_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
