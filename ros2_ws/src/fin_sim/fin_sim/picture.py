@@ -68,7 +68,7 @@ def plot_swim(swim: Swim, path: Path, title: str = "") -> None:
 
 @own_style()
 def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path, title: str = "") -> None:
-    """Draw mean and steady speed of a sweep into a PNG, PDF or SVG.
+    """Draw mean and steady speed of a sweep, as far as its rows have them, into a PNG, PDF or SVG.
 
     Over one number curves; over two a curve for each value of the second, or a map where those would be too many.
 
@@ -81,10 +81,11 @@ def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path
     Raises:
         OSError: The file cannot be written.
     """
-    figure, panels = new_figure(10.0, 4.5, 1, 2)
+    speeds = [name for name in ("mean_speed", "steady_speed") if name in rows[0]]
+    figure, panels = new_figure(5.0 + 2.5 * len(speeds), 4.5, 1, len(speeds))
     figure.suptitle(title, fontsize="medium")
     first, second = axes[0], (axes[1] if len(axes) > 1 else None)
-    for panel, name in zip(panels.flat, ("mean_speed", "steady_speed"), strict=True):
+    for panel, name in zip(panels.flat, speeds, strict=True):
         panel.set(xlabel=_label(first), title=f"{name.replace('_', ' ')}, cm/s")
         if second and len(second.values) > _LARGEST_LEGEND and len(first.values) > 1:
             _draw_map(figure, panel, first, second, [(row[first.name], row[second.name], row[name]) for row in rows])

@@ -106,7 +106,15 @@ class Plan:
         fish = self.fish()
         build_chain(fish, self.fin(), reactive=self.reactive, clamp=self.clamp, tow_speed=self.tow_speed)
         self.drive(fish.driven_joints)
-        Servo.from_parameters(PARAMETERS.checked(self.values))
+        self.servo()
+
+    def servo(self) -> Servo:
+        """Return the servo of every driven joint.
+
+        Raises:
+            ValueError: A value that is refused.
+        """
+        return Servo.from_parameters(PARAMETERS.checked(self.values))
 
     def drive(self, joints: int) -> Gait:
         """Return the gait for a tail of so many driven joints.
@@ -144,7 +152,7 @@ class Plan:
             reactive=self.reactive,
             clamp=self.clamp,
             tow_speed=self.tow_speed,
-            servo=Servo.from_parameters(PARAMETERS.checked(self.values)),
+            servo=self.servo(),
             ramp_time=self.ramp_time,
             step=self.step,
         )
@@ -308,6 +316,11 @@ def swim_one(plan: Plan) -> Swum:
         return Swum({figure.name: None for figure in FIGURES}, failure=str(error))
 
 
+def cores_of_process() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
 @contextlib.contextmanager
 def swim_all(plans: Sequence[Plan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
     """Swim plans on all cores; yield their outcomes in order. What is not asked for any more is not swum.
@@ -316,9 +329,8 @@ def swim_all(plans: Sequence[Plan], cores: int | None = None) -> Iterator[Iterat
         plans: To swim.
         cores: Swims at a time; as many as this process may use if None.
     """
-    count = cores or len(os.sched_getaffinity(0))
     # The kernel runs beside other threads of Python; threads of the matrix exponential would only get in their way.
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(count, "swim") as executor:
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores or cores_of_process(), "swim") as executor:
         try:
             yield executor.map(swim_one, plans)
         finally:

@@ -28,6 +28,7 @@ from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
 from fin_sim.materials import material
+from fin_sim.quick_sweep import swim_quickly
 from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_axis, sweep_plans, swim_all
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
@@ -47,6 +48,7 @@ _BAD_INPUT = 2
 _SWIM_FAILED = 1
 _INTERRUPTED = 130
 _PIPE_WIDTH = 140
+_MANY_SWIMS = 500
 _EXAMPLES = """examples:
   swim
       the paper's fish with the paper fin, 10 s
@@ -73,6 +75,20 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    _add_what_swims(parser)
+    _add_gait_and_run(parser)
+    _add_outputs(parser)
+    numbers = parser.add_argument_group("parameters of fin, fish, water and servo, as the node names them")
+    for name, entry in PARAMETERS.items():
+        unit = f", {entry.unit}" if entry.unit else ""
+        meaning = entry.description.removesuffix(".")
+        help_text = f"{meaning}{unit} (default {entry.default})".replace("%", "%%")
+        metavar = "A,B" if entry.kind.endswith("_array") else "X"
+        numbers.add_argument(f"--{name}", dest=name, metavar=metavar, help=help_text)
+    return parser
+
+
+def _add_what_swims(parser: argparse.ArgumentParser) -> None:
     what = parser.add_argument_group("what swims")
     what.add_argument("--case", type=given_path, metavar="FILE", help="a case file, JSON, with every parameter")
     what.add_argument(
@@ -91,6 +107,15 @@ def _parser() -> argparse.ArgumentParser:
         metavar="NAME=RANGE",
         help="FIRST:LAST:COUNT[:log] or A,B,C; once or twice",
     )
+    what.add_argument(
+        "--quick",
+        action="store_true",
+        help="a sweep's swims side by side: speeds right to 0.1 %%, forces and power to 0.3 %%; what "
+        "needs every moment of a swim is left out, and so is a free body's thrust",
+    )
+
+
+def _add_gait_and_run(parser: argparse.ArgumentParser) -> None:
     gait = parser.add_argument_group("gait and run")
     defaults = {item.name: item.default for item in fields(Plan)}
     choices = {"gait": ("carangiform", "sub_carangiform"), "reactive": REACTIVE_FORMS, "clamp": CLAMPS}
@@ -112,6 +137,9 @@ def _parser() -> argparse.ArgumentParser:
             gait.add_argument(f"--{name}", choices=choices[name], help=help_text)
         else:
             gait.add_argument(f"--{name}", type=checks.read_number, metavar="X", help=help_text)
+
+
+def _add_outputs(parser: argparse.ArgumentParser) -> None:
     out = parser.add_argument_group("what comes out; a file that exists is replaced, and the command says so")
     out.add_argument("--json", action="store_true", help="figures as JSON instead of a table")
     out.add_argument(
@@ -124,14 +152,6 @@ def _parser() -> argparse.ArgumentParser:
         "--plot", type=given_path, metavar="FILE", help="picture of the swim or the sweep, .png, .pdf or .svg"
     )
     out.add_argument("--animate", type=given_path, metavar="FILE", help="animated swim, .gif or .mp4")
-    numbers = parser.add_argument_group("parameters of fin, fish, water and servo, as the node names them")
-    for name, entry in PARAMETERS.items():
-        unit = f", {entry.unit}" if entry.unit else ""
-        meaning = entry.description.removesuffix(".")
-        help_text = f"{meaning}{unit} (default {entry.default})".replace("%", "%%")
-        metavar = "A,B" if entry.kind.endswith("_array") else "X"
-        numbers.add_argument(f"--{name}", dest=name, metavar=metavar, help=help_text)
-    return parser
 
 
 def _value(parameter: Parameter, given: object) -> Value:
@@ -216,8 +236,8 @@ def _plan(options: argparse.Namespace) -> Plan:
 def _refuse_with_case(options: argparse.Namespace) -> None:
     names = [*PARAMETERS, *(name for name in _PLAN_OPTIONS if name != "step"), "material", "shape", "params_file"]
     given = [name for name in names if getattr(options, name) is not None]
-    if given or options.sweep:
-        option = (given or ["sweep"])[0].replace("params_file", "params-file")
+    if given or options.sweep or options.quick:
+        option = (given or (["sweep"] if options.sweep else ["quick"]))[0].replace("params_file", "params-file")
         msg = f"--case holds every parameter: leave out --{option} or edit the file"
         raise ValueError(msg)
 
@@ -364,7 +384,9 @@ def _run_case(options: argparse.Namespace) -> None:
 
 
 def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> Table:
-    shown = [figure for figure in FIGURES if figure.name in SWEEP_TABLE]
+    known = [figure for figure in FIGURES if figure.name in rows[0]]
+    # A quick sweep has so few that all fit.
+    shown = known if len(known) < len(FIGURES) else [figure for figure in known if figure.name in SWEEP_TABLE]
     table = Table(
         *(f"{axis.name}\n{axis.unit}" for axis in axes), *(f"{figure.title}\n{figure.unit}" for figure in shown)
     )
@@ -391,11 +413,18 @@ def _sweep_csv(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]])
 def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> int:
     """Swim the sweep and put out its rows; a swim that diverges leaves a gap, Ctrl-C ends with the rows so far."""
     plans = sweep_plans(plan, axes)
+    if len(plans) > _MANY_SWIMS and not options.quick:
+        print(  # noqa: T201
+            f"swim: {len(plans)} swims; with --quick they take a fraction of the time, with fewer figures, of which "
+            "speeds are right to 0.1 %",
+            file=sys.stderr,
+        )
     rows: list[dict[str, float | None]] = []
     failures: list[str] = []
     doubts: dict[str, None] = {}
     code = 0
-    with swim_all([each for _, each in plans]) as swims:
+    swim_these = swim_quickly if options.quick else swim_all
+    with swim_these([each for _, each in plans]) as swims:
         watched = track(
             zip(plans, swims, strict=True),
             total=len(plans),
@@ -437,7 +466,7 @@ def _put_out_sweep(
 
         _draw(options.plot, lambda file: plot_sweep(axes, rows, file, title))
     if options.json:
-        units = _sweep_units(axes)
+        units = {name: unit for name, unit in _sweep_units(axes).items() if name in rows[0]}
         print(_json([{**row, "units": units} for row in rows]))  # noqa: T201
     elif options.csv == "-":
         sys.stdout.write(_sweep_csv(axes, rows))
@@ -457,6 +486,9 @@ def _run(options: argparse.Namespace) -> int:
     if options.case:
         _run_case(options)
         return 0
+    if options.quick and options.step is not None:
+        msg = "--quick chooses its steps by itself, as short as its figures need: leave out --step"
+        raise ValueError(msg)
     plan, axes = _plan(options), [parse_axis(text) for text in options.sweep]
     _check_tow_speed(plan, axes, options)
     if options.material:
@@ -472,6 +504,9 @@ def _run(options: argparse.Namespace) -> int:
             msg = "--animate shows one swim: leave out --sweep and --material, and give fin.young_modulus"
             raise ValueError(msg)
         return _run_sweep(plan, axes, options)
+    if options.quick:
+        msg = "--quick is for many swims: add --sweep or --material, or leave it out"
+        raise ValueError(msg)
     body = (
         PARAMETERS[name].check(plan.values.get(name, PARAMETERS[name].default))
         for name in ("body.length", "body.width")

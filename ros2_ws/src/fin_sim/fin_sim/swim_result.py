@@ -22,6 +22,32 @@ MEASURED_BEATS = 3
 """Whole beats at the end of a swim that the steady figures are drawn from, or fewer where it has fewer."""
 
 
+def beat_frequency(gait: Gait) -> float:
+    """Return the tail-beat frequency in Hz: the first joint's that is driven to and fro; 0 where none is."""
+    beating = (joint.frequency for joint in gait.joints if joint.amplitude > 0.0 and joint.frequency > 0.0)
+    return next(beating, 0.0)
+
+
+def measured_beats(gait: Gait, duration: float, ramp_time: float) -> NDArray[np.float64]:
+    """Return the times in s at which the beats begin and end that steady figures are means over; see `Swim.beats`.
+
+    Raises:
+        ValueError: The tail does not beat, or the swim is too short for one beat after the ramp.
+    """
+    frequency = beat_frequency(gait)
+    if frequency == 0.0:
+        msg = "the gait has no joint with amplitude and frequency above 0: steady figures need a beating tail"
+        raise ValueError(msg)
+    whole = math.floor((duration - ramp_time) * frequency + 1e-9)
+    if whole < 1:
+        msg = (
+            f"duration = {duration:g} s is too short for a steady figure: it needs at least the ramp of "
+            f"{ramp_time:g} s and one beat, {ramp_time + 1.0 / frequency:g} s"
+        )
+        raise ValueError(msg)
+    return duration - np.arange(min(whole, MEASURED_BEATS), -1, -1) / frequency
+
+
 @dataclass(frozen=True)
 class Swim:
     """What a swim did: samples over time, and figures drawn from them.
@@ -94,8 +120,7 @@ class Swim:
     @cached_property
     def frequency(self) -> float:
         """Tail-beat frequency in Hz: the first joint's that is driven to and fro; 0 where none is."""
-        beating = (joint.frequency for joint in self.gait.joints if joint.amplitude > 0.0 and joint.frequency > 0.0)
-        return next(beating, 0.0)
+        return beat_frequency(self.gait)
 
     @cached_property
     def beats(self) -> NDArray[np.float64]:
@@ -104,19 +129,7 @@ class Swim:
         Raises:
             ValueError: The tail does not beat, or the swim is too short for one beat after the ramp.
         """
-        if self.frequency == 0.0:
-            msg = "the gait has no joint with amplitude and frequency above 0: steady figures need a beating tail"
-            raise ValueError(msg)
-        whole = math.floor((self.duration - self.ramp_time) * self.frequency + 1e-9)
-        if whole < 1:
-            shortest = self.ramp_time + 1.0 / self.frequency
-            msg = (
-                f"duration = {self.duration:g} s is too short for a steady figure: it needs at least the ramp of "
-                f"{self.ramp_time:g} s and one beat, {shortest:g} s"
-            )
-            raise ValueError(msg)
-        count = min(whole, MEASURED_BEATS)
-        return self.duration - np.arange(count, -1, -1) / self.frequency
+        return measured_beats(self.gait, self.duration, self.ramp_time)
 
     def beat_mean(self, values: NDArray[np.float64]) -> float:
         """Return the mean over the measured beats of ``values``, shape (S,); beats need not end on a sample.

@@ -1,0 +1,147 @@
+"""A sweep that asks only for what `swim_batch` gives, right to its `TOLERANCES`: many swims side by side.
+
+The swims of one fish and gait form one batch, its fins the columns. A figure that the batch does not have is left out
+of the sweep: whatever needs a swim's samples, and a free body's thrust, whose inertial reaction has a mean in the axes
+of a body that yaws.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+from fin_sim.batch import Status, swim_batch
+from fin_sim.sweep import FIGURES, Figure, Swum, cores_of_process
+from fin_sim.swim_result import measured_beats
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from concurrent.futures import Future
+
+    from fin_sim.batch import BatchSwim
+    from fin_sim.sweep import Plan
+
+_FIGURES = ("mean_speed", "mean_servo_power", "largest_hinge_angle")
+_FIGURES_OF_A_HELD_BODY = (*_FIGURES, "mean_thrust", "efficiency")
+_MOST_AT_A_TIME = 256
+"""Fins of a batch: between two of them a sweep shows its progress and can be stopped."""
+
+
+def quick_figures(plan: Plan) -> tuple[Figure, ...]:
+    """Return the figures that a quick sweep has, in the order of `FIGURES`."""
+    names = _FIGURES if plan.clamp == "free" else _FIGURES_OF_A_HELD_BODY
+    return tuple(figure for figure in FIGURES if figure.name in names)
+
+
+def refuse_slow(plans: Sequence[Plan]) -> None:
+    """Refuse what does not swim in a batch.
+
+    Raises:
+        ValueError: A servo that is not ideal.
+    """
+    for plan in plans:
+        servo = plan.servo()
+        if servo.lag > 0.0:
+            msg = (
+                f"servo.lag = {servo.lag:g} s: --quick swims with ideal servos only, whose joints go as the gait says; "
+                "leave out --quick, or every servo parameter"
+            )
+            raise ValueError(msg)
+
+
+def _shared(plan: Plan) -> tuple[object, ...]:
+    """Return all of a plan but its fin: what the swims of one batch have in common."""
+    values = sorted((name, str(value)) for name, value in plan.values.items() if not name.startswith("fin."))
+    return (tuple(values), *(getattr(plan, item.name) for item in fields(plan) if item.name != "values"))
+
+
+def _batches(plans: Sequence[Plan]) -> list[list[int]]:
+    """Return the indices of the plans that swim together."""
+    groups: dict[tuple[object, ...], list[int]] = {}
+    for index, plan in enumerate(plans):
+        groups.setdefault(_shared(plan), []).append(index)
+    return [
+        group[start : start + _MOST_AT_A_TIME]
+        for group in groups.values()
+        for start in range(0, len(group), _MOST_AT_A_TIME)
+    ]
+
+
+def _swim(plans: Sequence[Plan]) -> list[Swum]:
+    """Swim plans that differ in their fins alone."""
+    plan = plans[0]
+    fish = plan.fish()
+    gait = plan.drive(fish.driven_joints)
+    try:
+        begin = max(float(measured_beats(gait, plan.duration, plan.ramp_time)[0]), 0.0)
+    except ValueError:  # the tail does not beat, or not once after the ramp: speeds and angles only
+        begin = None
+    batch = swim_batch(
+        [each.fin() for each in plans],
+        fish,
+        gait,
+        plan.duration,
+        reactive=plan.reactive,
+        clamp=plan.clamp,
+        tow_speed=plan.tow_speed,
+        ramp_time=plan.ramp_time,
+        settle=begin or 0.0,
+        threads=1,
+    )
+    names = [figure.name for figure in quick_figures(plan)]
+    steady = _steady_figures(plan, batch) if begin is not None else {}
+    result = []
+    for index in range(len(plans)):
+        failure = batch.reason(index)
+        if failure:
+            result.append(Swum(dict.fromkeys(names), failure=failure))
+            continue
+        known: dict[str, float | None] = {
+            "mean_speed": float(batch.mean_speed[index]),
+            "largest_hinge_angle": float(batch.largest_hinge_angle[index]),
+            **{name: values[index] for name, values in steady.items()},
+        }
+        result.append(Swum({name: known.get(name) for name in names}, batch.warnings(index)))
+    return result
+
+
+def _steady_figures(plan: Plan, batch: BatchSwim) -> dict[str, list[float | None]]:
+    """Return the means over the measured beats, and the efficiency where the force acts where it arises."""
+    rows: dict[str, list[float | None]] = {
+        "mean_thrust": batch.thrust.tolist(),
+        "mean_servo_power": batch.servo_power.tolist(),
+    }
+    if plan.reactive == "distributed":
+        useful = (batch.thrust * batch.mean_forward_speed).tolist()
+        powers = batch.servo_power.tolist()
+        rows["efficiency"] = [
+            one / power if status == Status.OK and power > 0.0 else None
+            for one, power, status in zip(useful, powers, batch.status, strict=True)
+        ]
+    return rows
+
+
+@contextmanager
+def swim_quickly(plans: Sequence[Plan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
+    """Swim plans in batches on all cores; yield their outcomes in order, as `sweep.swim_all` does.
+
+    Args:
+        plans: To swim.
+        cores: Batches at a time; as many as this process may use if None.
+
+    Raises:
+        ValueError: A plan that does not swim in a batch.
+    """
+    refuse_slow(plans)
+    executor = ThreadPoolExecutor(cores or cores_of_process(), "swim")
+    places: list[tuple[Future[list[Swum]], int] | None] = [None] * len(plans)
+    try:
+        for batch in _batches(plans):
+            future = executor.submit(_swim, [plans[index] for index in batch])
+            for row, index in enumerate(batch):
+                places[index] = (future, row)
+        yield (place[0].result()[place[1]] for place in places if place is not None)
+    finally:
+        executor.shutdown(cancel_futures=True)
