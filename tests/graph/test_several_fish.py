@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from fin_optimizer.bags.reader import read_bag
-from fin_optimizer.commands.score_bag import cost_of_transport, score_bag
+from fin_optimizer.commands.score_bag import energy_per_metre, score_bag
 from fin_optimizer.study.candidate import candidates, front
 from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.records import read_trials
@@ -171,7 +171,7 @@ def test_two_objectives_are_measured_in_the_simulator_and_again_from_the_bag(sta
     assert study.wait(60) == 0
     trials = read_trials(folder)
     assert [trial.outcome for trial in trials] == [Outcome.OK] * 3
-    assert [cost_of_transport(read_bag(folder / trial.bag)) for trial in trials] == [trial.cost for trial in trials]
+    assert [energy_per_metre(read_bag(folder / trial.bag)) for trial in trials] == [trial.cost for trial in trials]
     assert read_settings(folder).objective is Objective.SPEED_AND_COST
-    assert f"Pareto front of speed and cost of transport ({len(front(candidates(trials)))} fins)" in study.output()
+    assert f"Pareto front of speed and energy per metre ({len(front(candidates(trials)))} fins)" in study.output()
     assert (folder / "pareto_front.png").read_bytes().startswith(b"\x89PNG")

@@ -11,8 +11,8 @@ from mcap.writer import Writer
 
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.bags.repair import repair_bag
 from fin_optimizer.commands import score_bag
-from fin_optimizer.commands.repair_bags import repair_bag
 from support.bags import write_swim
 from support.damage import damaged
 

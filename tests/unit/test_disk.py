@@ -10,8 +10,8 @@ import pytest
 from fin_optimizer.bags.disk_space import shortage
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.bags.repair import repair_bag
 from fin_optimizer.bags.writer import BagWriter
-from fin_optimizer.commands.repair_bags import repair_bag
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study.folder import JOURNAL_FILE

@@ -13,6 +13,7 @@ from rosbags.interfaces import QosDurability, QosHistory, QosReliability
 
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.bags.repair import repair_bag
 from fin_optimizer.commands import repair_bags
 from fin_optimizer.commands.score_bag import main, score_bag
 from fin_optimizer.score.mean_speed import Measurement, ScoreError
@@ -225,7 +226,7 @@ def test_damaged_bytes_of_any_writer_are_refused_or_do_not_matter_and_never_end_
             file.write_bytes(damaged)
             with contextlib.suppress(BagError, ScoreError):
                 score_bag(path, Measurement(duration=0.5).metadata())
-            repair_bags.repair_bag(path)
+            repair_bag(path)
         file.write_bytes(whole)
 
 

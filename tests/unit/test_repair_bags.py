@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 import pytest
 from rosbags.rosbag2 import Reader
 
+from fin_optimizer.bags import repair as repair_module
 from fin_optimizer.bags import writer as bag_module
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import is_closed, read_bag
+from fin_optimizer.bags.repair import repair_bag, repair_bags
 from fin_optimizer.bags.writer import BagTopic, BagWriter
-from fin_optimizer.commands import repair_bags as repair_module
-from fin_optimizer.commands.repair_bags import main, repair_bag, repair_bags
+from fin_optimizer.commands.repair_bags import main
 from fin_optimizer.commands.score_bag import score_bag
 from fin_optimizer.score.mean_speed import Measurement
 from support.bags import START, STATE, STEP, VELOCITY, state, velocity, write_swim

@@ -181,7 +181,7 @@ def test_an_ok_trial_without_its_second_objective_is_refused(tmp_path: Path) -> 
     with Study.create(tmp_path / "study", Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)) as study:
         values = {MODULUS: 1e9, LENGTH: 0.08}
         study.start(study.propose(0, values).number)
-        with pytest.raises(StudyError, match="has no cost of transport"):
+        with pytest.raises(StudyError, match="has no energy per metre"):
             study.finish(0, Result(Outcome.OK, score=0.02))
 
 
@@ -373,7 +373,7 @@ def test_a_bag_that_does_not_give_the_journals_score_is_an_error(
 
 @pytest.fixture
 def with_cost(tmp_path: Path) -> Path:
-    """Return the folder of a study that looks for speed and cost of transport, with one trial."""
+    """Return the folder of a study that looks for speed and energy per metre, with one trial."""
     measurement = Measurement(duration=2.0)
     settings = Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)
     metadata = {f"study.{name}": str(value) for name, value in settings.flat().items()}
@@ -395,7 +395,7 @@ def with_cost(tmp_path: Path) -> Path:
     return tmp_path / "study"
 
 
-def test_the_cost_of_transport_of_a_study_about_it_is_that_of_the_live_trial(
+def test_the_energy_per_metre_of_a_study_about_it_is_that_of_the_live_trial(
     with_cost: Path, resumed: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (trial,) = read_trials(with_cost)
@@ -406,14 +406,14 @@ def test_the_cost_of_transport_of_a_study_about_it_is_that_of_the_live_trial(
     assert score_bag.main([str(with_cost), str(resumed)]) == 0
     heads = [line.split() for line in capsys.readouterr().out.splitlines() if line.endswith(" bag")]
     assert [" ".join(words) for words in heads] == [
-        "speed (m/s) spread (m/s) cost of transport (J/m) bag",
+        "speed (m/s) spread (m/s) energy per metre (J/m) bag",
         "speed (m/s) spread (m/s) bag",
     ]
     take_off_check_sums(with_cost)
     journal = (with_cost / "journal.log").read_text()
     (with_cost / "journal.log").write_text(journal.replace(repr(trial.cost), "0.5"))
     assert score_bag.main([str(with_cost)]) == 2
-    assert f"cost of transport (J/m) is {trial.cost!r} from the bag and 0.5 in journal.log" in capsys.readouterr().err
+    assert f"energy per metre (J/m) is {trial.cost!r} from the bag and 0.5 in journal.log" in capsys.readouterr().err
 
 
 def test_scores_have_a_header_for_a_person_only(

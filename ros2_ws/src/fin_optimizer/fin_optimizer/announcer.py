@@ -39,7 +39,7 @@ class Announcer:
             **record.values,
             "outcome": record.outcome.value,
         }
-        known = {"score [m/s]": record.score, "cost of transport [J/m]": record.cost, "reason": record.reason or None}
+        known = {"score [m/s]": record.score, "energy per metre [J/m]": record.cost, "reason": record.reason or None}
         values |= {name: value for name, value in known.items() if value is not None}
         level = DiagnosticStatus.WARN if record.reason else DiagnosticStatus.OK
         shown = f"{trial_name(record.number)}: {show_values(record.values)}"

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from fin_optimizer.announcer import Announcer
 from fin_optimizer.bags.disk_space import shortage
 from fin_optimizer.bags.messages import BagError
-from fin_optimizer.commands.repair_bags import repair_bags
+from fin_optimizer.bags.repair import repair_bags
 from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.progress import display, show_best
@@ -371,7 +371,7 @@ class Optimizer:
         """Name the fins of the Pareto front, where two objectives are asked for."""
         if self._plan.wants_cost:
             chosen = front(self._study.candidates)
-            self._display.say(f"Pareto front of speed and cost of transport ({len(chosen)} fins):")
+            self._display.say(f"Pareto front of speed and energy per metre ({len(chosen)} fins):")
             for fin in chosen:
                 words = f"{show_values(fin.values)}: {show_speed(fin.score or 0.0)}, {fin.cost:.4g} J/m"
                 self._display.say(f"  {words}")

@@ -106,7 +106,7 @@ class StudyPlan:
 
     @property
     def wants_cost(self) -> bool:
-        """Whether the cost of transport is an objective."""
+        """Whether the energy per metre is an objective."""
         return self.settings.objective is Objective.SPEED_AND_COST
 
     def fin_of(self, values: Mapping[str, float]) -> dict[str, Value]:

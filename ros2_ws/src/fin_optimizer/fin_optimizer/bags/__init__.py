@@ -6,6 +6,7 @@ writer      writes a bag, each second on the disk
 reader      reads any bag, also one of other writers
 files       where a bag's files are
 integrity   what check sums tell
+repair      closes bags that were left open
 playback    when which message is played
 disk_space  whether there is room for one more
 """

@@ -40,7 +40,7 @@ def columns(settings: Settings, trials: Sequence[TrialRecord]) -> list[Column]:
         ("outcome", "string", lambda trial, _: trial.outcome.value),
         ("speed [m/s]", "double", lambda trial, _: trial.score),
         ("spread within the swim [m/s]", "double", lambda trial, _: trial.spread),
-        ("cost of transport [J/m]", "double", lambda trial, _: trial.cost),
+        ("energy per metre [J/m]", "double", lambda trial, _: trial.cost),
         ("samples", "int64", lambda trial, _: trial.samples or None),
         ("mean speed of the fin [m/s]", "double", lambda _, candidate: candidate.score),
         ("spread between its repeats [m/s]", "double", lambda _, candidate: candidate.spread),

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 _JOURNAL_FILE = "journal.log"  # as fin_optimizer.study.folder names it, which needs Optuna
 _SETTINGS_FILE = "study.json"  # likewise
 _OBJECTIVE_KEY, _OBJECTIVE_WITH_COST = "study.objective", "speed_and_cost_of_transport"  # likewise
-_SPEED, _SPREAD, _COST = "speed (m/s)", "spread (m/s)", "cost of transport (J/m)"
+_SPEED, _SPREAD, _COST = "speed (m/s)", "spread (m/s)", "energy per metre (J/m)"
 _STATE_TYPE = "diagnostic_msgs/msg/DiagnosticStatus"
 
 
@@ -77,8 +77,8 @@ def score_bag(path: Path, measured: Mapping[str, str] = MappingProxyType({})) ->
     return _scored(bag, measured, with_cost=False)[0], bag
 
 
-def cost_of_transport(bag: Bag) -> float | None:
-    """Return the cost of transport of a recorded trial in J/m, None without headway.
+def energy_per_metre(bag: Bag) -> float | None:
+    """Return the energy per metre of a recorded trial in J/m, None without headway.
 
     Raises:
         BagError: It lacks a topic, or is damaged.
@@ -168,7 +168,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="score_bag",
         description="Print one line a recorded trial, or a table with heads: mean forward speed (m/s), its spread "
-        "(m/s), in a study of it the cost of transport (J/m), and the bag.",
+        "(m/s), in a study of it the energy per metre (J/m), and the bag.",
     )
     parser.add_argument(
         "paths", nargs="+", type=given_path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"

@@ -127,14 +127,14 @@ def scored_swim(
     window: Window,
     measurement: Measurement,
 ) -> tuple[Score, float | None]:
-    """Return the score of a swim and its cost of transport in J/m.
+    """Return the score of a swim and its energy per metre in J/m.
 
     The cost is the servos' mean mechanical power over the mean speed: energy for a metre of way. None without
     headway, where there is no such thing, and where it is not asked for.
 
     Args:
         velocity: Header stamps in ns and forward speeds in m/s, both (n,).
-        joint_states: Serialised messages, None if the cost of transport is not asked for.
+        joint_states: Serialised messages, None if the energy per metre is not asked for.
         window: What counts.
         measurement: How it was measured.
 

@@ -29,7 +29,7 @@ class TrialRecord:
         reason: Why it FAILED, was INTERRUPTED or is INFEASIBLE, else empty.
         score: Mean forward speed in m/s, None unless OK.
         spread: Standard deviation of the speed between blocks of the swim in m/s, None unless OK and known.
-        cost: Cost of transport in J/m, None unless OK and asked for.
+        cost: Energy per metre in J/m, None unless OK and asked for.
         samples: Number of velocities in the score.
         plant: Namespace of the fish that swam it, empty if unknown.
         bag: Its bag, relative to the study's folder.
@@ -67,7 +67,7 @@ class Candidate:
 
     @cached_property
     def cost(self) -> float | None:
-        """Mean cost of transport of its OK trials in J/m, None without any."""
+        """Mean energy per metre of its OK trials in J/m, None without any."""
         return _mean([trial.cost for trial in self.trials])
 
     @cached_property
@@ -136,6 +136,6 @@ def fastest(tried: Iterable[Candidate]) -> Candidate | None:
 
 
 def front(tried: Sequence[Candidate]) -> list[Candidate]:
-    """Return the candidates of the Pareto front of speed and cost of transport, the fastest first."""
+    """Return the candidates of the Pareto front of speed and energy per metre, the fastest first."""
     chosen = [tried[index] for index in pareto_front([candidate.evaluation for candidate in tried])]
     return sorted(chosen, key=rank, reverse=True)

@@ -105,7 +105,7 @@ def draw_map(
 
 @own_style()
 def draw_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidate], *, title: str = "") -> None:
-    """Draw speed and cost of transport of every candidate, those of the Pareto front joined.
+    """Draw speed and energy per metre of every candidate, those of the Pareto front joined.
 
     Args:
         path: Where to write the picture; an older one is replaced.
@@ -121,7 +121,7 @@ def draw_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidate
     if line:
         axes.plot(*zip(*line, strict=True), "o-", color="tab:red", label=f"Pareto front ({len(line)})")
     axes.set_xlabel("mean forward speed (cm/s)")
-    axes.set_ylabel("cost of transport (J/m)")
+    axes.set_ylabel("energy per metre (J/m)")
     _save(figure, axes, path)
 
 

@@ -232,7 +232,7 @@ class Study:
             values = [result.score]
         if values is not None and self.settings.objective is Objective.SPEED_AND_COST:
             if result.cost is None:
-                msg = f"{trial_name(number)} has no cost of transport, which this study is about"
+                msg = f"{trial_name(number)} has no energy per metre, which this study is about"
                 raise StudyError(msg)
             values.append(result.cost)
         with whole_entries(self._journal):

@@ -45,7 +45,7 @@ def trials_table(trials: Sequence[TrialRecord], settings: Settings) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = varied(settings, [trial.values for trial in trials])
-    measured = ["speed [m/s]", "spread [m/s]", "cost of transport [J/m]", "samples"]
+    measured = ["speed [m/s]", "spread [m/s]", "energy per metre [J/m]", "samples"]
     times = ["started [UTC]", "ended [UTC]"]
     parameters = [with_unit(name) for name in names]
     writer.writerow(["trial", "fin", *parameters, "outcome", *measured, *times, "plant", "bag", "reason"])

@@ -30,7 +30,7 @@ _SETTINGS_SUM = re.compile(rf',\n  "{CHECK_SUM}": "([0-9a-f]+)"\n}}\n\Z')
 
 # What a study may be after: name, Optuna's direction, and how its dashboard labels the axis.
 _SPEED = ("speed", StudyDirection.MAXIMIZE, "mean forward speed (m/s)")
-_COST = ("cost of transport", StudyDirection.MINIMIZE, "cost of transport (J/m)")
+_COST = ("energy per metre", StudyDirection.MINIMIZE, "energy per metre (J/m)")
 
 
 class Objective(StrEnum):

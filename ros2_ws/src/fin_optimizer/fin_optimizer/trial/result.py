@@ -32,7 +32,7 @@ class Result:
         reason: Why, unless OK.
         score: m/s, needed for OK and refused otherwise.
         spread: m/s, None if unknown.
-        cost: Cost of transport in J/m, None if unknown.
+        cost: Energy per metre in J/m, None if unknown.
         samples: Number of velocities in the score.
 
     Raises:
@@ -49,7 +49,7 @@ class Result:
     def __post_init__(self) -> None:
         if self.outcome is Outcome.OK:
             checks.number("score of an OK trial", float("nan") if self.score is None else self.score, unit="m/s")
-            checks.number("cost of transport of an OK trial", self.cost or 0.0, unit="J/m")
+            checks.number("energy per metre of an OK trial", self.cost or 0.0, unit="J/m")
         elif self.outcome not in {Outcome.FAILED, Outcome.INTERRUPTED, Outcome.INFEASIBLE}:
             msg = f"a trial cannot end as {self.outcome}: it ends OK, FAILED, INTERRUPTED or INFEASIBLE"
             raise ValueError(msg)

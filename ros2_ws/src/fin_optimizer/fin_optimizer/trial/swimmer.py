@@ -61,7 +61,7 @@ class Conditions:
         still: The gait of a tail that is led to its middle.
         measurement: Which part of a swim is scored.
         timeouts: How long to wait for what.
-        wants_cost: Whether the cost of transport is asked for.
+        wants_cost: Whether the energy per metre is asked for.
         differences: Tells in what a fish, by its parameters, is not the one that swims here.
     """
 
@@ -290,7 +290,7 @@ class Swimmer:
         except ScoreError as error:
             return Result(Outcome.FAILED, error.reason)
         if wants_cost and cost is None:
-            reason = f"swims {show_speed(scored.value)}: without headway there is no cost of transport"
+            reason = f"swims {show_speed(scored.value)}: without headway there is no energy per metre"
             return Result(Outcome.INFEASIBLE, reason)
         spread = scored.spread if math.isfinite(scored.spread) else None
         return Result(Outcome.OK, score=scored.value, spread=spread, cost=cost, samples=scored.samples)
