@@ -187,6 +187,13 @@ def test_a_mutation_too_small_for_a_float_stays_on_the_bound(redraws: int, monke
     assert np.array_equal(mutated(LINE, bounds, np.array([1e-20]), np.random.default_rng(1)), bounds)
 
 
+def test_a_gene_on_the_bound_takes_no_draw_from_those_outside() -> None:
+    parents = np.array([[0.5, 13.9], [10.0, 4.1]] * 5)
+    deviations = np.array([1e-20, 6.0])
+    children = mutated(PLANE, parents, deviations, np.random.default_rng(2))
+    assert np.array_equal(children, mutated_one_by_one(PLANE, parents, deviations, 2, 1000))
+
+
 def test_crossover_cuts_three_genes_behind_the_first_or_the_second() -> None:
     """The first parent's genes stand before the cut, drawn in the order that the docstrings tell."""
     space = Space(tuple(Dimension(name, 0.0, 10.0) for name in "abc"))
