@@ -134,10 +134,14 @@ def swim_batch(
     workers = checks.whole_number("threads", threads or os.cpu_count() or 1, 1)
     pieces = list(_pieces(task, columns, good))
     _run(swim, pieces, workers)
-    # What lanes at their shortest step did not settle, each fin by the general kernel.
-    lanes = np.concatenate([piece.indices for piece in pieces if piece.lanes] or [np.zeros(0, dtype=np.intp)])
-    _run(swim, [_Piece(lanes[at : at + 1], lanes=False) for at in np.flatnonzero(status[lanes] != Status.OK)], workers)
+    _run(swim, _unsettled(pieces, status), workers)
     return _result(columns, figures, status)
+
+
+def _unsettled(pieces: Sequence[_Piece], status: NDArray[np.int8]) -> list[_Piece]:
+    """Return what lanes at their shortest step did not settle, each fin for the general kernel."""
+    lanes = np.concatenate([piece.indices for piece in pieces if piece.lanes] or [np.zeros(0, dtype=np.intp)])
+    return [_Piece(lanes[at : at + 1], lanes=False) for at in np.flatnonzero(status[lanes] != Status.OK)]
 
 
 def _result(
