@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from fin_optimizer.bags.messages import decode
 from fin_optimizer.paper.experiments import LENGTH, MODULUS, model_speeds
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS, SIMULATOR_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.mean_speed import Measurement
-from fin_optimizer.score.swim import scored_swim
+from fin_optimizer.score.swim import SwimRecord, score_swim
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Evaluation, Space
 from fin_optimizer.study.journal import StudyError
@@ -21,7 +22,7 @@ from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
 from fin_sim import swim
 from fin_sim.paper_models import mathematical_model
-from support.bags import SECOND, START, STEP, joint_states, state
+from support.bags import SECOND, START, STATE, STEP, joint_states, state
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,7 +34,9 @@ def test_the_energy_of_a_metre_is_the_servos_power_over_the_speed() -> None:
     stamps = START + STEP * np.arange(201)
     joints = [joint_states(int(stamp), torque=2.0, rate=0.5) for stamp in stamps]
     velocity = (stamps, 0.1 * (stamps - START) / SECOND)
-    scored, energy = scored_swim(velocity, joints, measurement.window(START), measurement)
+    started = decode(state("SWIMMING", START), STATE.type_name)
+    record = SwimRecord(velocity, [started], joints, measurement.metadata())
+    scored, energy = score_swim(record, with_cost=True)
     assert scored.value == pytest.approx(0.1, rel=1e-12)
     assert energy == pytest.approx(10.0, rel=1e-12)
 

@@ -19,13 +19,13 @@ import pytest
 from pyarrow import parquet
 
 from fin_bringup.throughput import throughput
-from fin_optimizer.bags.messages import velocity_samples
+from fin_optimizer.bags.messages import decode, velocity_samples
 from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.commands import export, score_bag, show_study
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.mean_speed import Measurement
-from fin_optimizer.score.swim import scored_swim
+from fin_optimizer.score.swim import SwimRecord, score_swim
 from fin_optimizer.search.cma_es import CmaEs
 from fin_optimizer.search.genetic import GeneticAlgorithm
 from fin_optimizer.search.hill_climber import HillClimber
@@ -389,8 +389,9 @@ def with_cost(tmp_path: Path) -> Path:
             for speed, joint in zip(velocities, joints, strict=True):
                 writer.write(VELOCITY.name, speed)
                 writer.write(JOINTS.name, joint)
-        samples = velocity_samples(velocities)
-        scored, cost = scored_swim(samples, joints, measurement.window(START), measurement)
+        started = decode(state("SWIMMING", START), STATE.type_name)
+        record_of_swim = SwimRecord(velocity_samples(velocities), [started], joints, measurement.metadata())
+        scored, cost = score_swim(record_of_swim, with_cost=True)
         study.finish(record.number, Result(Outcome.OK, score=scored.value, spread=scored.spread, cost=cost, samples=1))
     return tmp_path / "study"
 

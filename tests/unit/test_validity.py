@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fin_optimizer.bags.messages import message_types
+from fin_optimizer.score.joints import joint_columns
 from fin_optimizer.score.mean_speed import ScoreError
 from fin_optimizer.score.swim import refuse_folded
 from fin_plant import validity
@@ -87,7 +88,11 @@ def joint_state(**angles: float) -> bytes:
 
 
 def test_a_recorded_swim_in_which_the_fin_folded_has_no_score() -> None:
-    refuse_folded([joint_state(tail_joint_1=4.0), joint_state(tail_joint_1=-4.0)])
-    refuse_folded([joint_state(tail_joint_1=0.2, fin_hinge_1=2.0)])
+    refuse_folded(joint_columns([joint_state(tail_joint_1=4.0), joint_state(tail_joint_1=-4.0)]))
+    refuse_folded(joint_columns([joint_state(tail_joint_1=0.2, fin_hinge_1=2.0)]))
     with pytest.raises(ScoreError, match="bent by 201 degrees"):
-        refuse_folded([joint_state(tail_joint_1=0.2, fin_hinge_1=0.1), joint_state(tail_joint_1=0.2, fin_hinge_1=-3.5)])
+        refuse_folded(
+            joint_columns(
+                [joint_state(tail_joint_1=0.2, fin_hinge_1=0.1), joint_state(tail_joint_1=0.2, fin_hinge_1=-3.5)]
+            )
+        )

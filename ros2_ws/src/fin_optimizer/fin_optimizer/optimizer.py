@@ -303,7 +303,7 @@ class Optimizer:
     def _study_metadata(self) -> dict[str, str]:
         settings = {f"study.{name}": str(value) for name, value in self._study.settings.flat().items()}
         gait = {f"gait.joint_{i}": repr(joint) for i, joint in enumerate(self._plan.gait.joints, start=1)}
-        return {**provenance(), **settings, **gait, **self._plan.measurement.metadata()}
+        return {**provenance(), **settings, **gait}
 
     # -- reports -----------------------------------------------------------------------------------------------------
 

@@ -13,30 +13,26 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.files import bags_in
 from fin_optimizer.bags.integrity import UNGUARDED
-from fin_optimizer.bags.messages import BagError, header_stamp
+from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.score.joints import JOINT_STATE_TYPE
 from fin_optimizer.score.mean_speed import (
     Measurement,
     MissingMeasurementError,
     Score,
     ScoreError,
-    Window,
 )
-from fin_optimizer.score.swim import JOINT_STATE_TYPE, refuse_folded, scored_swim, start_of_swim
+from fin_optimizer.score.swim import SwimRecord, score_swim, start_of_swim
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.words import trial_name
 from fin_plant import checks
 from fin_plant.fin import FIN_PARAMETERS
 from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
-from fin_plant.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
-
-    import numpy as np
-    from numpy.typing import NDArray
 
     from fin_optimizer.bags.reader import Bag
     from fin_optimizer.study.candidate import TrialRecord
@@ -74,7 +70,7 @@ def score_bag(path: Path, measured: Mapping[str, str] = MappingProxyType({})) ->
         ScoreError: Its samples give no score.
     """
     bag = read_bag(path)
-    return _scored(bag, measured, with_cost=False)[0], bag
+    return score_swim(recorded_swim(bag, measured, with_cost=False), with_cost=False)[0], bag
 
 
 def energy_per_metre(bag: Bag) -> float | None:
@@ -84,34 +80,24 @@ def energy_per_metre(bag: Bag) -> float | None:
         BagError: It lacks a topic, or is damaged.
         ScoreError: Its samples give no score, or no power.
     """
-    return _scored(bag, {}, with_cost=True)[1]
+    return score_swim(recorded_swim(bag, {}, with_cost=True), with_cost=True)[1]
 
 
-def _scored(bag: Bag, measured: Mapping[str, str], *, with_cost: bool) -> tuple[Score, float | None]:
-    start, velocity = swimming_since(bag), bag.velocity()
-    measurement = Measurement.from_metadata({**measured, **bag.metadata})
-    window = measurement.window(start)
-    told = any(topic.endswith("/joint_states") and kind == JOINT_STATE_TYPE for topic, kind in bag.topics.items())
-    joints = bag.typed("joint_states", JOINT_STATE_TYPE) if with_cost or told else None
-    refuse_folded(joints or ())
-    scored = scored_swim(velocity, joints if with_cost else None, window, measurement)
-    _check_reaches_end(velocity[0], window, "velocity")
-    if with_cost and joints:
-        _check_reaches_end([header_stamp(message) for message in joints], window, "joint_states")
-    return scored
+def recorded_swim(bag: Bag, measured: Mapping[str, str], *, with_cost: bool) -> SwimRecord:
+    """Return what a bag holds of its swim.
 
-
-def _check_reaches_end(stamps: Sequence[int] | NDArray[np.int64], window: Window, topic: str) -> None:
-    """Look whether a topic's messages go on to the window's end, as those of a trial do before it is scored.
+    Args:
+        bag: Of a trial, or of another program's swim.
+        measured: Which part of the swim counts, if its metadata do not say so.
+        with_cost: Whether it must have joint states.
 
     Raises:
-        ScoreError: They do not: the rest was lost, in a kill for example, and a score without it is another one.
+        BagError: It lacks a topic, or is damaged.
     """
-    newest = max(map(int, stamps), default=window.end_ns)  # none at all is told by who needs them
-    if newest < window.end_ns:
-        missing = (window.end_ns - newest) / NANOSECONDS
-        msg = f"{topic} ends {missing:.3g} s before the window does: the rest of the swim was not recorded, or was lost"
-        raise ScoreError(msg)
+    states = [message for _, message in bag.decoded("plant_state", _STATE_TYPE)]
+    told = any(topic.endswith("/joint_states") and kind == JOINT_STATE_TYPE for topic, kind in bag.topics.items())
+    joints = bag.typed("joint_states", JOINT_STATE_TYPE) if with_cost or told else None
+    return SwimRecord(bag.velocity(), states, joints, {**measured, **bag.metadata})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -309,7 +295,7 @@ def numbers_of(
         raise BagError(msg)
     bag = read_bag(path)
     with_cost = bag.metadata.get(_OBJECTIVE_KEY) == _OBJECTIVE_WITH_COST
-    result, cost = _scored(bag, measured, with_cost=with_cost)
+    result, cost = score_swim(recorded_swim(bag, measured, with_cost=with_cost), with_cost=with_cost)
     if not bag.complete:
         count = sum(bag.counts.values())
         sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fin_optimizer.bags.messages import decode, header_stamp
+from fin_optimizer.bags.messages import decode
+from fin_optimizer.score.joints import JOINT_STATE_TYPE, joint_columns
 from fin_optimizer.score.mean_speed import (
     Measurement,
     NotThisSwimError,
@@ -19,24 +21,20 @@ from fin_optimizer.score.mean_speed import (
 )
 from fin_plant import validity
 from fin_plant.plant_state import State
+from fin_plant.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-    from pathlib import Path
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    _Scored = tuple[Path, Mapping[str, float], Mapping[str, str]]
-    """A bag, what its trial achieved by name and unit, and its metadata."""
+    from fin_optimizer.score.joints import Joints
 
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
 
 
 _FIN = "fin."
-
-
-JOINT_STATE_TYPE = "sensor_msgs/msg/JointState"
 
 
 _DRIVEN = "tail_joint"
@@ -76,16 +74,6 @@ def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
     return starts.pop()
 
 
-def power_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return header stamps in ns and the tail servos' mechanical power in W, both (n,), of serialised JointStates.
-
-    The power is NaN where a message does not tell it.
-    """
-    stamps = np.fromiter(map(header_stamp, messages), dtype=np.int64, count=len(messages))
-    power = np.fromiter((_power(decode(data, JOINT_STATE_TYPE)) for data in messages), np.float64, len(messages))
-    return stamps, power
-
-
 def tail_angle(message: bytes) -> float:
     """Return the largest angle in rad of the driven joints in a serialised JointState; 0 without any."""
     joints = decode(message, JOINT_STATE_TYPE)
@@ -93,57 +81,88 @@ def tail_angle(message: bytes) -> float:
     return max((abs(float(angle)) for name, angle in pairs if name.startswith(_DRIVEN)), default=0.0)
 
 
-def refuse_folded(messages: Iterable[bytes]) -> None:
-    """Refuse a swim whose JointStates tell of a fin that folded; a robot's tell of no hinge.
+@dataclass(frozen=True)
+class SwimRecord:
+    """What was recorded of a swim, by a recorder or in a bag: all that its score is made of.
+
+    Attributes:
+        velocity: Header stamps in ns and forward speeds in m/s, both (n,).
+        states: Messages of ``plant_state``, decoded.
+        joint_states: Serialised messages; None where nobody recorded any.
+        metadata: Of the bag: which part of the swim counts (`Measurement.metadata`), and which fin it is about.
+    """
+
+    velocity: tuple[NDArray[np.int64], NDArray[np.float64]]
+    states: Iterable[Any]
+    joint_states: Sequence[bytes] | None
+    metadata: Mapping[str, str]
+
+
+def score_swim(record: SwimRecord, *, with_cost: bool) -> tuple[Score, float | None]:
+    """Return the score of a swim and its energy per metre in J/m: of a trial that has just ended, and of its bag.
+
+    The energy is the servos' mean mechanical power over the mean speed. None without
+    headway, where there is no such thing, and where it is not asked for.
+
+    Args:
+        record: Of the whole swim.
+        with_cost: Whether the energy per metre is asked for.
+
+    Raises:
+        ScoreError: The samples give no score, or no power; they end before the window does; the fin folded; or they
+            are those of no swim from rest.
+    """
+    start = start_of_swim(record.states, record.metadata)
+    measurement = Measurement.from_metadata(record.metadata)
+    window = measurement.window(start)
+    joints = joint_columns(record.joint_states or ())
+    refuse_folded(joints)
+    scored = score(*record.velocity, window, block=measurement.block, largest_speed=measurement.largest_speed)
+    check_swim(*record.velocity, window, measurement)
+    power = mean_power(*_power_samples(joints), window) if with_cost else None
+    _check_reaches_end(record.velocity[0], window, "velocity")
+    if power is None:
+        return scored, None
+    _check_reaches_end(np.concatenate([each.stamps for each in joints]), window, "joint_states")
+    return scored, power / scored.value if scored.value > 0.0 else None
+
+
+def _power_samples(joints: Sequence[Joints]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return header stamps in ns and the tail servos' mechanical power in W, both (n,); NaN where none is told."""
+    stamps = [each.stamps for each in joints] or [np.zeros(0, dtype=np.int64)]
+    return np.concatenate(stamps), np.concatenate([_power(each) for each in joints] or [np.zeros(0)])
+
+
+def _power(joints: Joints) -> NDArray[np.float64]:
+    driven = [index for index, name in enumerate(joints.names) if name.startswith(_DRIVEN)]
+    told = len(joints.names)
+    if not driven or joints.effort.shape[1] != told or joints.velocity.shape[1] != told:
+        return np.full(joints.stamps.shape, np.nan)
+    power = np.zeros(joints.stamps.shape)
+    for index in driven:
+        power += joints.effort[:, index] * joints.velocity[:, index]
+    return power
+
+
+def refuse_folded(joints: Sequence[Joints]) -> None:
+    """Refuse a swim whose joints tell of a fin that folded; a robot's tell of no hinge.
 
     Raises:
         ScoreError: A hinge bent further than a fin can.
     """
-    bends = (validity.largest_hinge_angle(joints.name, joints.position) for joints in _decoded_joints(messages))
-    reason = validity.folded(max(bends, default=0.0))
-    if reason:
+    bends = (validity.largest_hinge_angle(each.names, np.abs(each.position).max(axis=0)) for each in joints)
+    if reason := validity.folded(max(bends, default=0.0)):
         raise ScoreError(reason)
 
 
-def _decoded_joints(messages: Iterable[bytes]) -> Iterator[Any]:
-    """Decode JointStates as long as they tell of hinges."""
-    for data in messages:
-        joints = decode(data, JOINT_STATE_TYPE)
-        if not any(name.startswith(validity.HINGE) for name in joints.name):
-            return
-        yield joints
-
-
-def _power(joints: Any) -> float:
-    driven = [index for index, name in enumerate(joints.name) if name.startswith(_DRIVEN)]
-    if not driven or len(joints.effort) != len(joints.name) or len(joints.velocity) != len(joints.name):
-        return float("nan")
-    return float(sum(joints.effort[index] * joints.velocity[index] for index in driven))
-
-
-def scored_swim(
-    velocity: tuple[NDArray[np.int64], NDArray[np.float64]],
-    joint_states: Sequence[bytes] | None,
-    window: Window,
-    measurement: Measurement,
-) -> tuple[Score, float | None]:
-    """Return the score of a swim and its energy per metre in J/m.
-
-    The cost is the servos' mean mechanical power over the mean speed: energy for a metre of way. None without
-    headway, where there is no such thing, and where it is not asked for.
-
-    Args:
-        velocity: Header stamps in ns and forward speeds in m/s, both (n,).
-        joint_states: Serialised messages, None if the energy per metre is not asked for.
-        window: What counts.
-        measurement: How it was measured.
+def _check_reaches_end(stamps: NDArray[np.int64], window: Window, topic: str) -> None:
+    """Look whether a topic's messages go on to the window's end, as those of a trial do before it is scored.
 
     Raises:
-        ScoreError: The samples give no score, or no power; or they are those of no swim from rest.
+        ScoreError: They do not: the rest was lost, in a kill for example, and a score without it is another one.
     """
-    scored = score(*velocity, window, block=measurement.block, largest_speed=measurement.largest_speed)
-    check_swim(*velocity, window, measurement)
-    if joint_states is None:
-        return scored, None
-    power = mean_power(*power_samples(joint_states), window)
-    return scored, power / scored.value if scored.value > 0.0 else None
+    newest = int(stamps.max()) if stamps.size else window.end_ns  # none at all is told by who needs them
+    if newest < window.end_ns:
+        missing = (window.end_ns - newest) / NANOSECONDS
+        msg = f"{topic} ends {missing:.3g} s before the window does: the rest of the swim was not recorded, or was lost"
+        raise ScoreError(msg)

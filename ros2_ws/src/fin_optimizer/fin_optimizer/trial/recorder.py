@@ -22,7 +22,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from fin_optimizer.bags.messages import BagError, decode, has_header, header_stamp, velocity_samples
 from fin_optimizer.bags.writer import BagSummary, BagTopic, BagWriter
 from fin_optimizer.score.mean_speed import LONGEST_GAP, ScoreError
-from fin_optimizer.score.swim import start_of_swim
+from fin_optimizer.score.swim import SwimRecord, start_of_swim
 from fin_plant.discovery import ends_of, request, wanted
 from fin_plant.stamps import NANOSECONDS
 from fin_plant.topics import EVERY_MESSAGE, JOINT_STATES, PLANT_STATE, POSE, RECORDED_TOPICS, VELOCITY, Topic
@@ -191,6 +191,15 @@ class Recorder:
         They are read from the bytes that are in the bag, so they are what the bag gives.
         """
         return velocity_samples(self.messages(VELOCITY))
+
+    def swim(self, metadata: Mapping[str, str]) -> SwimRecord:
+        """Return what the bag opened last holds of its swim, from the bytes that are in it.
+
+        Args:
+            metadata: Of that bag.
+        """
+        states = [decode(data, PLANT_STATE.type_name) for data in self.messages(PLANT_STATE)]
+        return SwimRecord(self.velocity_samples(), states, self.messages(JOINT_STATES), metadata)
 
     def messages(self, topic: Topic[Any]) -> Sequence[bytes]:
         """Return the serialised messages of the bag opened last, of `velocity`, `joint_states` or `plant_state`."""

@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from fin_optimizer.bags.messages import BagError, decode
+from fin_optimizer.bags.messages import BagError
 from fin_optimizer.score.mean_speed import NotThisSwimError, ScoreError
-from fin_optimizer.score.swim import scored_swim, start_of_swim
+from fin_optimizer.score.swim import score_swim
 from fin_optimizer.trial.gait_check import cut_gait
 from fin_optimizer.trial.observer import Observer
 from fin_optimizer.trial.phases import Action, Rule
@@ -273,18 +273,14 @@ class Swimmer:
         trial = {"trial.number": str(self._number), "plant.namespace": self.namespace}
         fin = state.fin if state is not None else {}
         fish = {name: value if isinstance(value, str) else json.dumps(value) for name, value in self._fish().items()}
-        return {**trial, **fish, **fin, **self._told}
+        return {**trial, **fish, **fin, **self._conditions.measurement.metadata(), **self._told}
 
     def _scored(self, trial: Trial) -> Result:
         if trial.window is None:
             return Result(Outcome.FAILED, "the fish never swam")
-        measurement, wants_cost = self._conditions.measurement, self._conditions.wants_cost
-        joints = self._recorder.messages(topics.JOINT_STATES) if wants_cost else None
-        velocity = self._recorder.velocity_samples()
-        states = (decode(data, topics.PLANT_STATE.type_name) for data in self._recorder.messages(topics.PLANT_STATE))
+        wants_cost = self._conditions.wants_cost
         try:
-            window = measurement.window(start_of_swim(states, self._told))  # as the bag will tell it
-            scored, cost = scored_swim(velocity, joints, window, measurement)
+            scored, cost = score_swim(self._recorder.swim(self._told), with_cost=wants_cost)
         except NotThisSwimError as error:
             return Result(Outcome.INTERRUPTED, error.reason)
         except ScoreError as error:
