@@ -1,10 +1,13 @@
 """One trial, from a proposed fin to its result.
 
-result        how a trial ends
-trial         the table of its phases, and the machine that goes through them; knows neither ROS nor a clock
-facts         what the machine looks at, as the node sees it
-swimmer       a fish and its trial under way: turns actions into messages, calls and files
+swimmer       the loop: begins a trial, looks, carries out its actions, has its result
+trial         the machine that goes through the phases at each look; knows neither ROS nor a clock
+phases        the table of the phases, with its guards and rules
+facts         the frozen snapshot that machine and guards look at
+observer      takes that snapshot from the plant, the recorder and the graph
+gait_check    whether a plant swims the gait that is asked for
 plant_client  how a plant is spoken to
 recorder      listens to the plant's topics and writes its bag
 silence       what is said of a topic on which nothing comes
+result        how a trial ends
 """
