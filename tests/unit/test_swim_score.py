@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from fin_optimizer.bags.messages import decode, message_types
-from fin_optimizer.score.mean_speed import Measurement, NotThisSwimError, ScoreError
-from fin_optimizer.score.swim import power_samples, refuse_folded, scored_swim, start_of_swim, tail_angle
+from fin_optimizer.score.joints import joint_columns
+from fin_optimizer.score.mean_speed import Measurement, NotThisSwimError, Score, ScoreError
+from fin_optimizer.score.swim import SwimRecord, power_samples, refuse_folded, score_swim, start_of_swim, tail_angle
 from support.bags import JOINTS, SECOND, START, STATE, STEP, state
 
 TAIL = "tail_joint_1"
@@ -27,7 +28,7 @@ def joints(**told: tuple[float, ...]) -> bytes:
 def test_power_is_torque_times_rate_of_the_driven_joints_alone() -> None:
     """2 x 3 + 5 x 7 = 41 W; the hinge is a spring."""
     message = joints(tail_joint_1=(0.1, 3.0, 2.0), fin_hinge_1=(0.2, 100.0, 100.0), tail_joint_2=(0.1, 7.0, 5.0))
-    stamps, power = power_samples([message, message])
+    stamps, power = power_samples(joint_columns([message, message]))
     assert stamps.tolist() == [3 * SECOND + 5] * 2
     assert power.tolist() == [41.0, 41.0]
 
@@ -43,7 +44,7 @@ def test_power_is_torque_times_rate_of_the_driven_joints_alone() -> None:
     ],
 )
 def test_a_message_that_does_not_tell_the_power_has_none(told: dict[str, tuple[float, ...]]) -> None:
-    assert math.isnan(power_samples([joints(**told)])[1][0])
+    assert math.isnan(power_samples(joint_columns([joints(**told)]))[1][0])
 
 
 def test_the_tails_angle_is_the_largest_of_its_joints_either_way() -> None:
@@ -53,11 +54,11 @@ def test_the_tails_angle_is_the_largest_of_its_joints_either_way() -> None:
 
 def test_a_fin_folds_where_a_hinge_bends_beyond_half_a_turn() -> None:
     straight, folded = joints(fin_hinge_1=(0.1,)), joints(fin_hinge_1=(-3.2,))
-    refuse_folded([])
-    refuse_folded([straight, straight])
-    refuse_folded([joints(tail_joint_1=(3.2,))] * 2)
+    refuse_folded(joint_columns([]))
+    refuse_folded(joint_columns([straight, straight]))
+    refuse_folded(joint_columns([joints(tail_joint_1=(3.2,))] * 2))
     with pytest.raises(ScoreError, match="183 degrees"):
-        refuse_folded([straight, folded, straight])
+        refuse_folded(joint_columns([straight, folded, straight]))
 
 
 def start(*messages: bytes, **metadata: str) -> int:
@@ -75,6 +76,14 @@ def test_a_swim_begins_where_its_state_says() -> None:
         start(state("READY", 1), **fin)
     with pytest.raises(NotThisSwimError, match="2 starts of a swim, needed is one: the bag holds more"):
         start(state("SWIMMING", 1), state("SWIMMING", 2), **fin)
+
+
+def scored(
+    velocity: tuple[np.ndarray, np.ndarray], joint_states: list[bytes] | None, measurement: Measurement
+) -> tuple[Score, float | None]:
+    started = decode(state("SWIMMING", START), STATE.type_name)
+    record = SwimRecord(velocity, [started], joint_states, measurement.metadata())
+    return score_swim(record, with_cost=joint_states is not None)
 
 
 def steady(speed: float) -> tuple[np.ndarray, np.ndarray]:
@@ -99,20 +108,19 @@ def power_of(torque: float) -> list[bytes]:
 def test_energy_per_metre_is_asked_for_and_there_with_headway() -> None:
     """2 N m at 0.5 rad/s are 1 W; at 0.25 m/s that is 4 J for a metre."""
     measurement = Measurement(1.0, 2.0)
-    window = measurement.window(START)
-    assert scored_swim(steady(0.25), power_of(2.0), window, measurement)[1] == pytest.approx(4.0, rel=1e-12)
-    assert scored_swim(steady(0.25), None, window, measurement)[1] is None
+    assert scored(steady(0.25), power_of(2.0), measurement)[1] == pytest.approx(4.0, rel=1e-12)
+    assert scored(steady(0.25), None, measurement)[1] is None
     for speed in (0.0, -0.25):
-        scored, energy = scored_swim(steady(speed), power_of(2.0), window, measurement)
-        assert scored.value == pytest.approx(speed, rel=1e-12)
+        reached, energy = scored(steady(speed), power_of(2.0), measurement)
+        assert reached.value == pytest.approx(speed, rel=1e-12)
         assert energy is None
 
 
 def test_a_swim_faster_than_a_fish_or_not_from_rest_is_refused() -> None:
     measurement = Measurement(1.0, 2.0, largest_speed=0.2)
     with pytest.raises(ScoreError, match="largest_speed"):
-        scored_swim(steady(0.25), None, measurement.window(START), measurement)
+        scored(steady(0.25), None, measurement)
     stamps, speeds = steady(0.25)
     measurement = Measurement(1.0, 2.0, largest_start_speed=0.1)
     with pytest.raises(NotThisSwimError, match=r"25 cm/s before the gait.*within 10 cm/s"):
-        scored_swim((stamps, 0.25 + 0.0 * speeds), None, measurement.window(START), measurement)
+        scored((stamps, 0.25 + 0.0 * speeds), None, measurement)

@@ -1,5 +1,6 @@
 """What a swim achieved: from its samples, whether they come from a running trial or from a bag.
 
 mean_speed  the mean forward speed over a window of time, or why there is none
+joints      serialised joint states as columns of numbers
 swim        a swim's start, its window, its power: the score and the energy per metre of a whole swim
 """

@@ -119,7 +119,7 @@ def score_swim(record: SwimRecord, *, with_cost: bool) -> tuple[Score, float | N
     refuse_folded(joints)
     scored = score(*record.velocity, window, block=measurement.block, largest_speed=measurement.largest_speed)
     check_swim(*record.velocity, window, measurement)
-    power = mean_power(*_power_samples(joints), window) if with_cost else None
+    power = mean_power(*power_samples(joints), window) if with_cost else None
     _check_reaches_end(record.velocity[0], window, "velocity")
     if power is None:
         return scored, None
@@ -127,7 +127,7 @@ def score_swim(record: SwimRecord, *, with_cost: bool) -> tuple[Score, float | N
     return scored, power / scored.value if scored.value > 0.0 else None
 
 
-def _power_samples(joints: Sequence[Joints]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def power_samples(joints: Sequence[Joints]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return header stamps in ns and the tail servos' mechanical power in W, both (n,); NaN where none is told."""
     stamps = [each.stamps for each in joints] or [np.zeros(0, dtype=np.int64)]
     return np.concatenate(stamps), np.concatenate([_power(each) for each in joints] or [np.zeros(0)])
