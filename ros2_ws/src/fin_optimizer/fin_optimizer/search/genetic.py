@@ -79,7 +79,7 @@ def mutated(
     What does not fall inside in a thousand draws is drawn uniformly; see `search.gaussian_step` for the reasons.
     """
     low, high = _bounds(space)
-    # x' = x + sigma N(0, 1), every gene (Clark et al. 2012, who number no equation of the search; sigma^2 = 0.1)
+    # x' = x + sigma N(0, 1), every gene (Clark et al. 2012: Gaussian mutation, sigma^2 = 0.1)
     result = parents + deviations * random.standard_normal(parents.shape)
     for _ in range(_REDRAWS):
         rows, columns = np.nonzero((result < low) | (result > high))

@@ -36,7 +36,7 @@ def gaussian_step(
     """
     result: Values = {}
     for dimension in space.dimensions:
-        # x' = x + sigma N(0, 1) (Clark et al. 2012, who number no equation of the search; sigma^2 = 0.1 GPa^2)
+        # x' = x + sigma N(0, 1) (Clark et al. 2012: Gaussian mutation, sigma^2 = 0.1 GPa^2)
         steps = centre[dimension.name] + deviations[dimension.name] * random.standard_normal(_REDRAWS)
         inside = steps[(steps >= dimension.minimum) & (steps <= dimension.maximum)]
         drawn = inside[0] if inside.size else random.uniform(dimension.minimum, dimension.maximum)
