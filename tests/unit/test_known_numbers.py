@@ -9,7 +9,7 @@ import pytest
 
 from fin_optimizer.bags.messages import decode
 from fin_optimizer.paper.experiments import LENGTH, MODULUS, model_speeds
-from fin_optimizer.parameters import OPTIMIZER_PARAMETERS, SIMULATOR_PARAMETERS
+from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.score.swim import SwimRecord, score_swim
@@ -18,7 +18,7 @@ from fin_optimizer.search.space import Dimension, Evaluation, Space
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.simulated_curve import simulated_speed
 from fin_optimizer.trial.recorder import Extent
-from fin_plant.fin import Fin
+from fin_plant.fin import Fin, node_table
 from fin_plant.gait import PAPER_GAIT
 from fin_sim import swim
 from fin_sim.paper_models import mathematical_model
@@ -68,7 +68,7 @@ def test_a_study_is_not_gone_on_with_by_another_gait_or_fin(tmp_path: Path, name
 def test_the_curve_behind_the_trials_is_the_mean_speed_over_the_window_that_is_scored() -> None:
     """Way over time between the window's ends, which no mean of speeds has a part in; other windows differ by 20 %."""
     measurement = Measurement(settle=3.0, duration=2.0)
-    simulator = SIMULATOR_PARAMETERS.checked({})
+    simulator = node_table("fin_sim", "simulator").checked({})
     speed = simulated_speed(MODULUS, Fin(), PAPER_GAIT, measurement, simulator)(1.5e9)
     swum = swim(Fin(young_modulus=1.5e9), duration=5.0)
     (start,), (end,) = np.nonzero(swum.time == 3.0), np.nonzero(swum.time == 5.0)

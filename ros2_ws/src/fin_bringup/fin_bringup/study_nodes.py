@@ -17,11 +17,10 @@ from fin_optimizer.parameters import (
     NAMESPACE_PATTERN,
     OPTIMIZER,
     OPTIMIZER_PARAMETERS,
-    PLANT_LIMITS,
     SIMULATOR,
-    SIMULATOR_PARAMETERS,
 )
 from fin_plant import checks
+from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, node_table
 from fin_plant.parameters import ParameterTable, load_table
 from fin_servo_driver import robot_file
 
@@ -40,6 +39,15 @@ _SIMULATOR_DEFAULTS: dict[str, Value] = {"command_timeout": 5.0}
 _LATER_FISH: dict[str, Value] = {"publish_clock": False}
 # The paper swam each fin of its robot three times; a simulated swim repeats to the last digit. Empty asks for this.
 _REPEATS = {"robot": "3"}
+
+
+def _without_fin(table: ParameterTable) -> ParameterTable:
+    """Return a plant's parameters, the fin excepted: that is the optimiser's to choose."""
+    return ParameterTable({name: entry for name, entry in table.items() if name not in FIN_PARAMETERS})
+
+
+PLANT_LIMITS = _without_fin(PLANT_PARAMETERS)
+SIMULATOR_PARAMETERS = _without_fin(node_table("fin_sim", SIMULATOR))
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 from threadpoolctl import threadpool_limits
 
-from fin_plant import ros_environment
+from fin_plant import ros_environment, start
 from fin_plant.output import go_on_when_output_closes
 
 if TYPE_CHECKING:
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 EXIT_OK = ros_environment.EXIT_OK
-END_BY_SIGNAL_IS_SUCCESS = "FIN_END_BY_SIGNAL_IS_SUCCESS"
-"""Environment variable; where it is set a node that was ended by a signal ends with exit code 0, for `ros2 launch`."""
+END_BY_SIGNAL_IS_SUCCESS = start.END_BY_SIGNAL_IS_SUCCESS
 EXIT_FAILURE = ros_environment.EXIT_FAILURE
 EXIT_USAGE = ros_environment.EXIT_USAGE
 # A callback that waits on nothing returns at once; this bounds how late a stop is seen.

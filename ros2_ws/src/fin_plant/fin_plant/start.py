@@ -21,11 +21,13 @@ if TYPE_CHECKING:
     from types import FrameType, ModuleType
 
 INTERRUPTED = 128 + signal.SIGINT
+END_BY_SIGNAL_IS_SUCCESS = "FIN_END_BY_SIGNAL_IS_SUCCESS"
+"""Environment variable; where it is set a node that was ended by a signal ends with exit code 0, for `ros2 launch`."""
 _HELP = frozenset(("-h", "--help"))
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:
-    os._exit(INTERRUPTED)
+    os._exit(0 if os.environ.get(END_BY_SIGNAL_IS_SUCCESS) else INTERRUPTED)
 
 
 def _let_go(unraisable: sys.UnraisableHookArgs) -> None:
