@@ -17,7 +17,7 @@ from pymodbus import FramerType
 from pymodbus.server import ModbusSerialServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from fin_servo_driver import backends, robot_file
+from fin_servo_driver import backends, port, robot_file
 from fin_servo_driver.backends import modbus
 from fin_servo_driver.backends.modbus import Modbus
 from fin_servo_driver.line import LineStalledError, WrongDeviceError
@@ -113,6 +113,12 @@ class AheadClock:
     def sleep(self, seconds: float, /) -> None:
         """Let time pass."""
         self._ahead += seconds
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take no process that was put aside for a port that takes no bytes."""
+    monkeypatch.setattr(port, "WRITE_TIMEOUT", PATIENCE)
 
 
 def backend(clock: Clock = time) -> Modbus:

@@ -133,6 +133,18 @@ def test_every_device_moves_when_told_and_is_safe_after_the_end(rig: Rig) -> Non
     assert (rig.loop.health.connected, rig.loop.health.reason) == (False, "the end")
 
 
+def test_what_is_sent_is_the_gait_at_each_tick_once_its_ramp_is_over(rig: Rig) -> None:
+    rig.arm()
+    begin = rig.clock.now
+    while rig.clock.now < begin + 3.0:
+        rig.loop.mailbox.put(Command(PAPER_GAIT, rig.clock.now, begin))
+        rig.turn(gait=False)
+    samples = [sample for sample in rig.loop.samples if sample.time > begin + 0.5]
+    times, angles = np.array([(sample.time - begin, sample.angles[0]) for sample in samples]).T
+    assert len(times) > 120
+    assert np.max(np.abs(angles - np.radians(15.0) * np.sin(2.0 * np.pi * 0.9 * times))) < 1e-9
+
+
 @pytest.mark.parametrize("rig", ALL, indirect=True)
 def test_every_device_is_silenced_by_a_cut(rig: Rig) -> None:
     rig.arm()
