@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from fin_optimizer.paper import campaign
-from fin_optimizer.paper.experiments import EXPERIMENTS, MODULUS, Run, Study, groups, perform, plan, speeds
+from fin_optimizer.paper.experiments import EXPERIMENTS, MODULUS, Campaign, Run, groups, perform, planned_runs, speeds
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_plant.fin import Fin
 
@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
     from fin_optimizer.paper.experiments import Table
 
-SMALL = Study(hill_climber_runs=3, hill_climber_candidates=4, genetic_runs=2, population=12, generations=3, landscape=9)
+SMALL = Campaign(
+    hill_climber_runs=3, hill_climber_candidates=4, genetic_runs=2, population=12, generations=3, landscape=9
+)
 SIZES = [
     *("--hill-climber-runs", "3", "--hill-climber-candidates", "4", "--genetic-runs", "2"),
     *("--population", "12", "--generations", "3", "--landscape", "9"),
@@ -47,21 +49,23 @@ def same(one: Table, other: Table) -> bool:
 @pytest.fixture(scope="module")
 def expected() -> dict[Run, Table]:
     """Return every run's result, each carried out alone."""
-    return {run: perform([run])[0] for run in plan(SMALL)}
+    return {run: perform([run])[0] for run in planned_runs(SMALL)}
 
 
 def carried_out(folder: Path, executor: Executor) -> dict[Run, Table]:
     (folder / "runs").mkdir()
     with executor:
-        return campaign.carry_out(plan(SMALL), folder, executor, lambda *_: None)
+        return campaign.carry_out(planned_runs(SMALL), folder, executor, lambda *_: None)
 
 
 def test_the_papers_sizes_are_the_default() -> None:
-    paper = {name: experiment.runs(Study()) * experiment.swims(Study()) for name, experiment in EXPERIMENTS.items()}
+    paper = {
+        name: experiment.runs(Campaign()) * experiment.swims(Campaign()) for name, experiment in EXPERIMENTS.items()
+    }
     assert paper["hill_climber"] == 100 * 100
     assert paper["genetic"] == paper["shape"] == 30 * 100 * 100
-    assert Study.clark().population == 125
-    assert Study.clark().crossover
+    assert Campaign.clark().population == 125
+    assert Campaign.clark().crossover
 
 
 def test_results_do_not_depend_on_executor_or_grouping(tmp_path: Path, expected: dict[Run, Table]) -> None:
@@ -70,7 +74,7 @@ def test_results_do_not_depend_on_executor_or_grouping(tmp_path: Path, expected:
         folder.mkdir()
         results = carried_out(folder, ThreadPoolExecutor(workers))
         assert all(same(results[run], expected[run]) for run in expected)
-    assert [len(group) for group in groups(plan(SMALL))] == [1, 1, 3, 1, 1, 1, 1, 1, 1, 1]
+    assert [len(group) for group in groups(planned_runs(SMALL))] == [1, 1, 3, 1, 1, 1, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
@@ -85,7 +89,7 @@ def test_the_command_writes_tables_and_figures_the_same_on_any_number_of_process
     assert names == {"study.json", "runs", "candidates.npz", "runs.csv", "paper.md"} | {
         f"paper_figure_{number}.png" for number in (4, 5, 6, 7)
     }
-    results = campaign.finished(tmp_path / "out", plan(SMALL))
+    results = campaign.finished(tmp_path / "out", planned_runs(SMALL))
     assert all(same(results[run], expected[run]) for run in expected)
     with np.load(tmp_path / "out" / "candidates.npz") as table:
         assert len(table["speed"]) == sum(len(one["speed"]) for one in expected.values())
@@ -113,7 +117,7 @@ def test_a_campaign_cut_short_goes_on_to_the_results_of_an_uninterrupted_one(
     assert command(folder, "hill_climber", "genetic") == 0
     assert [run.name for run in repeated] == ["genetic-001"]
     assert kept.stat().st_mtime_ns == before
-    chosen = plan(SMALL, ["hill_climber", "genetic"])
+    chosen = planned_runs(SMALL, ["hill_climber", "genetic"])
     results = campaign.finished(folder, chosen)
     assert all(same(results[run], expected[run]) for run in chosen)
 
@@ -134,8 +138,8 @@ def test_a_kill_loses_the_run_under_way_and_no_other(tmp_path: Path, monkeypatch
 
     monkeypatch.setattr("pathlib.Path.replace", replace)
     with pytest.raises(Killed), ThreadPoolExecutor(1) as executor:
-        campaign.carry_out(plan(SMALL, ["genetic", "shape"]), tmp_path, executor, lambda *_: None)
-    assert len(campaign.finished(tmp_path, plan(SMALL))) == 3
+        campaign.carry_out(planned_runs(SMALL, ["genetic", "shape"]), tmp_path, executor, lambda *_: None)
+    assert len(campaign.finished(tmp_path, planned_runs(SMALL))) == 3
 
 
 def test_a_killed_command_leaves_no_process_and_is_resumed(tmp_path: Path) -> None:
@@ -148,8 +152,8 @@ def test_a_killed_command_leaves_no_process_and_is_resumed(tmp_path: Path) -> No
         until(lambda: any((tmp_path / "runs").glob("genetic-*.npz")) if (tmp_path / "runs").exists() else False)
         session.kill()
     until(lambda: not members(session.pid))
-    study = Study(generations=100, genetic_runs=40)
-    kept = campaign.finished(tmp_path, plan(study, ["genetic"]))
+    sizes = Campaign(generations=100, genetic_runs=40)
+    kept = campaign.finished(tmp_path, planned_runs(sizes, ["genetic"]))
     assert 1 <= len(kept) < 40
 
 
@@ -170,7 +174,7 @@ def members(session: int) -> list[int]:
     return found
 
 
-def test_climbers_in_step_are_the_studys_hill_climber(expected: dict[Run, Table]) -> None:
+def test_climbers_in_step_are_the_hill_climber_of_a_study(expected: dict[Run, Table]) -> None:
     run = Run("hill_climber", 1, SMALL)
     climber = HillClimber(SMALL.stiffness(), run.seed, {MODULUS: np.sqrt(0.1) * 1e9})
     assert expected[run]["young_modulus"][0] == climber.propose([])[MODULUS]
@@ -243,11 +247,28 @@ def test_a_folder_with_other_settings_is_refused(tmp_path: Path, capsys: pytest.
     assert json.loads(before)["population"] == 12
 
 
+def test_a_folder_keeps_the_names_by_which_older_campaigns_are_resumed(tmp_path: Path) -> None:
+    kept = {
+        "seed": 2012,
+        "hill_climber_runs": 3,
+        "hill_climber_candidates": 4,
+        "genetic_runs": 2,
+        "population": 12,
+        "generations": 3,
+        "crossover": False,
+        "modulus": [0.5e9, 4e9],
+        "landscape": 9,
+    }
+    (tmp_path / "study.json").write_text(json.dumps(kept))
+    assert command(tmp_path, "model", "--workers", "1") == 0
+    assert json.loads((tmp_path / "study.json").read_text()) == kept
+
+
 def test_a_dask_cluster_gives_the_same_results(tmp_path: Path, expected: dict[Run, Table]) -> None:
     distributed = pytest.importorskip("distributed", reason="pip install -r requirements/bench.txt")
     options = {"n_workers": 2, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with distributed.LocalCluster(host="127.0.0.1", protocol="tcp://", **options) as cluster:
         assert command(tmp_path, "hill_climber", "genetic", "--dask", cluster.scheduler_address) == 0
-    chosen = plan(SMALL, ["hill_climber", "genetic"])
+    chosen = planned_runs(SMALL, ["hill_climber", "genetic"])
     results = campaign.finished(tmp_path, chosen)
     assert all(same(results[run], expected[run]) for run in chosen)

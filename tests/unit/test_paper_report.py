@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_optimizer.paper.experiments import Run, Study
+from fin_optimizer.paper.experiments import Campaign, Run
 from fin_optimizer.paper.figures import Row, rows
 from fin_plant.fin import Fin
 
 if TYPE_CHECKING:
     from fin_optimizer.paper.experiments import Table
 
-STUDY = Study()
+CAMPAIGN = Campaign()
 AREA = Fin().area
 
 
@@ -38,7 +38,7 @@ def join(*tables: Table) -> Table:
 
 def row_of(quantity: str, **experiments: list[Table]) -> Row:
     """Return the row that starts so, of runs by experiment."""
-    results = {Run(name, at, STUDY): one for name, runs in experiments.items() for at, one in enumerate(runs)}
+    results = {Run(name, at, CAMPAIGN): one for name, runs in experiments.items() for at, one in enumerate(runs)}
     (found,) = (row for row in rows(results) if row.quantity.startswith(quantity))
     return found
 

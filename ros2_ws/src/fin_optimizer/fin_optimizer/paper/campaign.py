@@ -31,7 +31,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from fin_optimizer.paper import figures
-from fin_optimizer.paper.experiments import EXPERIMENTS, Run, Study, groups, perform, plan
+from fin_optimizer.paper.experiments import EXPERIMENTS, Campaign, Run, groups, perform, planned_runs
 from fin_plant import checks, json_file
 from fin_plant.paths import given_path
 
@@ -57,10 +57,10 @@ def _write(path: Path, write: Callable[[Path], object]) -> None:
         part.unlink(missing_ok=True)
 
 
-def _open_folder(folder: Path, study: Study) -> None:
-    """Make the folder, or see that it holds the same study."""
+def _open_folder(folder: Path, campaign: Campaign) -> None:
+    """Make the folder, or see that it holds the same campaign."""
     settings = folder / "study.json"
-    wanted = json.loads(json.dumps(asdict(study)))
+    wanted = json.loads(json.dumps(asdict(campaign)))
     try:
         (folder / "runs").mkdir(parents=True, exist_ok=True)
         if not settings.exists():
@@ -222,7 +222,7 @@ def compile_first(runs: Sequence[Run]) -> float:
     small = {"landscape": 2, "generations": 1, "population": 2, "hill_climber_candidates": 1}
     for experiment in dict.fromkeys(run.experiment for run in runs):
         first = next(run for run in runs if run.experiment == experiment)
-        perform([replace(first, study=replace(first.study, **small))])  # type: ignore[arg-type]
+        perform([replace(first, campaign=replace(first.campaign, **small))])  # type: ignore[arg-type]
     return time.perf_counter() - begun
 
 
@@ -254,23 +254,23 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _study(arguments: argparse.Namespace) -> Study:
-    study = Study() if arguments.variant == "paper" else Study.clark()
+def _campaign_of(arguments: argparse.Namespace) -> Campaign:
+    campaign = Campaign() if arguments.variant == "paper" else Campaign.clark()
     sizes = ("seed", "hill_climber_runs", "hill_climber_candidates", "genetic_runs", "population", "generations")
     given = {name: getattr(arguments, name) for name in (*sizes, "landscape") if getattr(arguments, name) is not None}
     if arguments.modulus is not None:
         given["modulus"] = tuple(
             checks.number("--modulus", value, 0.01, 200.0, unit="GPa") * 1e9 for value in arguments.modulus
         )
-    return replace(study, **given)
+    return replace(campaign, **given)
 
 
 def _run(arguments: argparse.Namespace, console: Console) -> None:
-    study = _study(arguments)
-    runs = plan(study, arguments.experiments)
+    campaign = _campaign_of(arguments)
+    runs = planned_runs(campaign, arguments.experiments)
     workers = checks.whole_number("--workers", arguments.workers, 1)
     folder: Path = arguments.output
-    _open_folder(folder, study)
+    _open_folder(folder, campaign)
     results = finished(folder, runs)
     missing = [run for run in runs if run not in results]
     if missing:
@@ -293,7 +293,7 @@ def _run(arguments: argparse.Namespace, console: Console) -> None:
         console.print(f"{swum} swims in {took:.1f} s, {swum / took:.0f} a second")
     collect(folder, results)
     warn = partial(console.print, "campaign: warning:", markup=False)
-    for path in figures.write(folder, study, results, warn):
+    for path in figures.write(folder, campaign, results, warn):
         console.print(f"wrote {path}")
 
 

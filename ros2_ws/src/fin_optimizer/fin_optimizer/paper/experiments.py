@@ -44,7 +44,7 @@ _COLUMNS = ("generation", "candidate", "young_modulus", "length", "height", "spe
 
 
 @dataclass(frozen=True)
-class Study:
+class Campaign:
     """How large the experiments are; the default is the mission's paper.
 
     Attributes:
@@ -81,8 +81,8 @@ class Study:
         self.stiffness()
 
     @classmethod
-    def clark(cls, **sizes: int) -> Study:
-        """Return the study of 2012: population 125, crossover for the shape, E from 0 (here 10 MPa) to 5 GPa."""
+    def clark(cls, **sizes: int) -> Campaign:
+        """Return the campaign of 2012: population 125, crossover for the shape, E from 0 (here 10 MPa) to 5 GPa."""
         return replace(cls(population=125, crossover=True, modulus=(1e7, 5e9)), **sizes)  # type: ignore[arg-type]
 
     def stiffness(self) -> Space:
@@ -100,7 +100,7 @@ class Run:
 
     experiment: str
     number: int
-    study: Study
+    campaign: Campaign
 
     @property
     def name(self) -> str:
@@ -111,7 +111,7 @@ class Run:
     def seed(self) -> int:
         """Seed of the run's search, independent of those of all other runs."""
         key = (sorted(EXPERIMENTS).index(self.experiment), self.number)
-        state = np.random.SeedSequence(self.study.seed, spawn_key=key).generate_state(1, np.uint64)
+        state = np.random.SeedSequence(self.campaign.seed, spawn_key=key).generate_state(1, np.uint64)
         return int(state[0])
 
 
@@ -164,7 +164,7 @@ def _table(values: Sequence[Mapping[str, NDArray[np.float64]]], scores: Sequence
 
 def _over_stiffness(run: Run, speed: Callable[[Mapping[str, NDArray[np.float64]]], NDArray[np.float64]]) -> Table:
     low, high = 0.2e9, 5e9  # the figures' axis
-    values = {MODULUS: np.linspace(low, high, run.study.landscape)}
+    values = {MODULUS: np.linspace(low, high, run.campaign.landscape)}
     return _table([values], [speed(values)])
 
 
@@ -177,7 +177,7 @@ def _simulation(run: Run) -> Table:
 
 
 def _landscape(run: Run) -> Table:
-    count = run.study.landscape
+    count = run.campaign.landscape
     modulus, length = np.meshgrid(np.linspace(*SHAPE_MODULUS, count), np.linspace(*SHAPE_LENGTH, count))
     values = {MODULUS: modulus.ravel(), LENGTH: length.ravel()}
     return _table([values], [speeds(values)])
@@ -186,9 +186,9 @@ def _landscape(run: Run) -> Table:
 def _hill_climbers(runs: Sequence[Run]) -> list[Table]:
     """Climb several hills in step, so that their fins swim side by side; each climbs as it would alone."""
     steps = {MODULUS: STEP_DEVIATION * 1e9}
-    searches = [HillClimber(run.study.stiffness(), run.seed, steps) for run in runs]
+    searches = [HillClimber(run.campaign.stiffness(), run.seed, steps) for run in runs]
     histories: list[list[Evaluation]] = [[] for _ in runs]
-    for _ in range(runs[0].study.hill_climber_candidates):
+    for _ in range(runs[0].campaign.hill_climber_candidates):
         tried = [search.propose(history) for search, history in zip(searches, histories, strict=True)]
         swum = speeds({MODULUS: np.array([values[MODULUS] for values in tried])})
         for history, values, speed in zip(histories, tried, swum.tolist(), strict=True):
@@ -216,20 +216,22 @@ def _evolved(search: PopulationSearch, generations: int) -> Table:
 
 
 def _genetic(run: Run) -> Table:
-    study = run.study
+    campaign = run.campaign
     mutation = {MODULUS: STEP_DEVIATION * 1e9}
-    return _evolved(GeneticAlgorithm(study.stiffness(), run.seed, mutation, study.population), study.generations)
+    return _evolved(
+        GeneticAlgorithm(campaign.stiffness(), run.seed, mutation, campaign.population), campaign.generations
+    )
 
 
 def _shape(run: Run) -> Table:
-    study = run.study
+    campaign = run.campaign
     mutation = {MODULUS: STEP_DEVIATION * 1e9, LENGTH: STEP_DEVIATION * 1e-2}
-    search = GeneticAlgorithm(study.shape(), run.seed, mutation, study.population, crossover=study.crossover)
-    return _evolved(search, study.generations)
+    search = GeneticAlgorithm(campaign.shape(), run.seed, mutation, campaign.population, crossover=campaign.crossover)
+    return _evolved(search, campaign.generations)
 
 
 def _cma(run: Run) -> Table:
-    return _evolved(CmaEs(run.study.shape(), run.seed), run.study.generations)
+    return _evolved(CmaEs(run.campaign.shape(), run.seed), run.campaign.generations)
 
 
 @dataclass(frozen=True)
@@ -238,15 +240,15 @@ class Experiment:
 
     Attributes:
         title: What it is.
-        runs: Number of its runs in a study.
-        swims: Number of swims of a run in a study; about, for CMA-ES.
+        runs: Number of its runs in a campaign.
+        swims: Number of swims of a run in a campaign; about, for CMA-ES.
         perform: Carries out a group of its runs.
         together: Runs that are carried out as a group.
     """
 
     title: str
-    runs: Callable[[Study], int]
-    swims: Callable[[Study], int]
+    runs: Callable[[Campaign], int]
+    swims: Callable[[Campaign], int]
     perform: Callable[[Sequence[Run]], list[Table]]
     together: int = 1
 
@@ -255,45 +257,49 @@ def _each(perform: Callable[[Run], Table]) -> Callable[[Sequence[Run]], list[Tab
     return lambda runs: [perform(run) for run in runs]
 
 
-def _once(_: Study) -> int:
+def _once(_: Campaign) -> int:
     return 1
 
 
 EXPERIMENTS = {
-    "model": Experiment("speed of the mathematical model over E", _once, lambda study: study.landscape, _each(_model)),
+    "model": Experiment(
+        "speed of the mathematical model over E", _once, lambda campaign: campaign.landscape, _each(_model)
+    ),
     "simulation": Experiment(
-        "speed of the simulation over E", _once, lambda study: study.landscape, _each(_simulation)
+        "speed of the simulation over E", _once, lambda campaign: campaign.landscape, _each(_simulation)
     ),
     "hill_climber": Experiment(
         "hill climber on E",
-        lambda study: study.hill_climber_runs,
-        lambda study: study.hill_climber_candidates,
+        lambda campaign: campaign.hill_climber_runs,
+        lambda campaign: campaign.hill_climber_candidates,
         _hill_climbers,
         together=25,
     ),
     "genetic": Experiment(
         "genetic algorithm on E",
-        lambda study: study.genetic_runs,
-        lambda study: study.population * study.generations,
+        lambda campaign: campaign.genetic_runs,
+        lambda campaign: campaign.population * campaign.generations,
         _each(_genetic),
     ),
     "shape": Experiment(
         "genetic algorithm on E and shape",
-        lambda study: study.genetic_runs,
-        lambda study: study.population * study.generations,
+        lambda campaign: campaign.genetic_runs,
+        lambda campaign: campaign.population * campaign.generations,
         _each(_shape),
     ),
-    "landscape": Experiment("speed over E and length", _once, lambda study: study.landscape**2, _each(_landscape)),
+    "landscape": Experiment(
+        "speed over E and length", _once, lambda campaign: campaign.landscape**2, _each(_landscape)
+    ),
     "cma": Experiment(
         "CMA-ES on E and shape, the yardstick",
-        lambda study: study.genetic_runs,
-        lambda study: 6 * study.generations,
+        lambda campaign: campaign.genetic_runs,
+        lambda campaign: 6 * campaign.generations,
         _each(_cma),
     ),
 }
 
 
-def plan(study: Study, names: Sequence[str] = ()) -> list[Run]:
+def planned_runs(campaign: Campaign, names: Sequence[str] = ()) -> list[Run]:
     """Return the runs of the experiments named, of all where none is.
 
     Raises:
@@ -301,7 +307,9 @@ def plan(study: Study, names: Sequence[str] = ()) -> list[Run]:
     """
     chosen = [checks.choice("experiment", name, EXPERIMENTS) for name in names] or list(EXPERIMENTS)
     return [
-        Run(name, number, study) for name in dict.fromkeys(chosen) for number in range(EXPERIMENTS[name].runs(study))
+        Run(name, number, campaign)
+        for name in dict.fromkeys(chosen)
+        for number in range(EXPERIMENTS[name].runs(campaign))
     ]
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    from fin_optimizer.paper.experiments import Run, Study, Table
+    from fin_optimizer.paper.experiments import Campaign, Run, Table
 
 CENTI, GIGA = 1e2, 1e-9
 _OURS, _THEIRS, _OTHER, _GREY = "#0b6aa2", "#c8553d", "#3a7d44", "#8a8a8a"
@@ -348,10 +348,11 @@ def _hinge_row() -> Row:
     return Row("hinge stiffness at the two optima", theirs, "the same", ours, remark)
 
 
-def markdown(study: Study, results: Mapping[Run, Table]) -> str:
+def markdown(campaign: Campaign, results: Mapping[Run, Table]) -> str:
     """Return the comparison as a table."""
+    papers = "Raja Mohamed & Raviraj; Clark et al. 2012"
     lines = [
-        f"Seed {study.seed}; spread: standard deviation over runs. Papers: Raja Mohamed & Raviraj; Clark et al. 2012.",
+        f"Seed {campaign.seed}; spread: standard deviation over runs. Papers: {papers}.",
         "",
         "| quantity | paper | 2012 | ours | remark |",
         "|---|---|---|---|---|",
@@ -365,7 +366,7 @@ def _save(draw: Callable[[Mapping[Run, Table]], Figure], results: Mapping[Run, T
 
 
 def write(
-    folder: Path, study: Study, results: Mapping[Run, Table], warn: Callable[[str], object] = print
+    folder: Path, campaign: Campaign, results: Mapping[Run, Table], warn: Callable[[str], object] = print
 ) -> list[Path]:
     """Write paper.md and those figures whose experiments were carried out; return their paths.
 
@@ -380,7 +381,7 @@ def write(
     draw = {4: _figure_4, 5: _figure_5, 6: _figure_6, 7: _figure_7}
     done = {run.experiment for run in results}
     paths = [folder / "paper.md"]
-    paths[0].write_text(markdown(study, results), encoding="utf-8")
+    paths[0].write_text(markdown(campaign, results), encoding="utf-8")
     with own_style(font_size=9):
         for number, experiments in needs:
             if experiments <= done:
