@@ -56,22 +56,36 @@ _PASSED, _FAILED = (0,), (1, 2)
 """What pytest returns: 2 where a mutant cannot even be imported."""
 
 
-def mutants(source: str) -> list[tuple[str, str]]:
+def mutants(source: str, tables: Sequence[str] = ()) -> list[tuple[str, str]]:
     """Return every mutant of a module: ``function: before -> after``, and its whole text.
 
     Docstrings, types, messages of errors and what stands outside functions stay.
+
+    Args:
+        source: Of the module.
+        tables: Names of tables outside functions, of rows ``Kind("name of the row", field=value)``; what the
+            fields are is changed too.
     """
     tree = ast.parse(source)
     found: list[tuple[str, str]] = []
-    for function in [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]:
-        for place in _places(function, "body"):
+    for owner, part, field in _carried_out(tree, tables):
+        for place in _places(part, field):
             node = place.node
             for option in (*_replacements(node), *(_statements(node) if isinstance(node, ast.stmt) else ())):
                 changed = ast.fix_missing_locations(ast.copy_location(option, node))
                 before, after = (ast.unparse(part).splitlines()[0] for part in (node, changed))
                 with place.holding(changed):
-                    found.append((f"{function.name}: {before} -> {after}", ast.unparse(tree)))
+                    found.append((f"{owner}: {before} -> {after}", ast.unparse(tree)))
     return found
+
+
+def _carried_out(tree: ast.AST, tables: Sequence[str]) -> list[tuple[str, ast.AST, str]]:
+    """Return what is changed: functions' bodies and tables' rows, each as its name, its node and the field."""
+    nodes = list(ast.walk(tree))
+    bodies = [(node.name, node, "body") for node in nodes if isinstance(node, ast.FunctionDef)]
+    values = {ast.unparse(node.target): node.value for node in nodes if isinstance(node, ast.AnnAssign)}
+    rows: list[ast.Call] = [row for name in tables for row in values[name].elts]  # type: ignore[union-attr]
+    return [*bodies, *((ast.literal_eval(row.args[0]), row, "keywords") for row in rows)]
 
 
 class _Place:
@@ -138,6 +152,8 @@ def _swapped(node: ast.AST) -> list[ast.AST]:
 def _shortened(node: ast.AST) -> list[ast.AST]:
     if isinstance(node, ast.IfExp):
         return [node.body, node.orelse]
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitOr):  # of a longer chain the left part has the rest
+        return [node.left] if isinstance(node.left, ast.BinOp) else [node.left, node.right]
     return [node.operand] if isinstance(node, ast.UnaryOp) else []
 
 
@@ -205,7 +221,13 @@ def survivors(module: ModuleType, tests: Sequence[Path | str], texts: Sequence[s
 
 
 def check_every_mutant(
-    module: ModuleType, tests: Sequence[Path | str], equivalent: dict[str, str], folder: Path, largest: int = 400
+    module: ModuleType,
+    tests: Sequence[Path | str],
+    equivalent: dict[str, str],
+    folder: Path,
+    *,
+    tables: Sequence[str] = (),
+    largest: int = 400,
 ) -> None:
     """Check that the module passes its tests and that each of its mutants is killed or explained.
 
@@ -214,10 +236,11 @@ def check_every_mutant(
         tests: Files of tests or single ones (``file::name``), the quickest first.
         equivalent: Mutants that do the same as the original, with the reason.
         folder: Empty, for files.
+        tables: As `mutants` takes them.
         largest: Mutants that are tried at most; of more, a drawn but fixed choice.
     """
     source = Path(str(module.__file__)).read_text(encoding="utf-8")
-    every = mutants(source)
+    every = mutants(source, tables)
     gone = equivalent.keys() - {name for name, _ in every}
     assert gone == set(), f"explained and not there any more: {gone}"
     tried = [(name, text) for name, text in every if name not in equivalent]

@@ -1,4 +1,4 @@
-"""Mutation testing of the searches: every small change of its code is noticed by its tests, or explained."""
+"""Mutation testing of what decides a study: every small change of its code is noticed by its tests, or explained."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ TESTS = {
     "search/one_by_one": ["test_one_by_one.py"],
     "search/genetic": ["test_genetic.py"],
     "search/cma_es": ["test_genetic.py"],
+    "plan": ["test_plan.py"],
 }
+TABLES = {"trial/phases": ["PHASES"]}
+"""Tables outside functions whose rows are changed too."""
 EQUIVALENT = {
     "search/one_by_one": {
         "propose: True -> False": "a generation has as many columns as the space has names",
@@ -47,4 +50,5 @@ def test_every_file_of_the_searches_is_among_those_that_are_changed() -> None:
 @pytest.mark.parametrize("name", TESTS)
 def test_every_mutant_is_killed_or_explained(name: str, tmp_path: Path) -> None:
     module = importlib.import_module(f"fin_optimizer.{name.replace('/', '.')}")
-    check_every_mutant(module, [str(HERE / test) for test in TESTS[name]], EQUIVALENT.get(name, {}), tmp_path)
+    tests = [str(HERE / test) for test in TESTS[name]]
+    check_every_mutant(module, tests, EQUIVALENT.get(name, {}), tmp_path, tables=TABLES.get(name, ()))
