@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -63,67 +64,103 @@ def extrapolated(segments: tuple[int, ...], speeds: NDArray[np.float64]) -> floa
     return float((fine * speeds[-1] - coarse * speeds[-2]) / (fine - coarse))
 
 
-@own_style()
+@dataclass(frozen=True)
+class SegmentErrors:
+    """How the paper fin depends on its number of segments.
+
+    Attributes:
+        static: Relative errors of the static tip deflection, hinges `midpoint`, shape (S,).
+        speeds: Mean speeds over 10 s in m/s with hinges `midpoint`, shape (S,).
+        between: The same with the papers' hinges `between` the segments.
+    """
+
+    static: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+    between: NDArray[np.float64]
+
+    @property
+    def static_order(self) -> float:
+        """Order of the static tip deflection in the number of segments."""
+        return -order(np.array(SEGMENTS, dtype=float), self.static)
+
+    @property
+    def limit(self) -> float:
+        """Speed in m/s for infinitely many segments."""
+        return extrapolated(SEGMENTS, self.speeds)
+
+    @property
+    def swimming(self) -> NDArray[np.float64]:
+        """Relative errors of the speed, shape (S - 2,): the limit comes from the last two."""
+        return np.abs(self.speeds / self.limit - 1.0)[:-2]
+
+    @property
+    def swimming_order(self) -> float:
+        """Order of the speed in the number of segments."""
+        return -order(np.array(SEGMENTS[:-2], dtype=float), self.swimming)
+
+
+def segment_errors() -> SegmentErrors:
+    """Return the errors of the numbers of segments `SEGMENTS`."""
+    deflections = np.array([static_deflection(Fin(segments=n, hinges="midpoint")) for n in SEGMENTS])
+    between = np.array([swim(Fin(segments=n), step=2e-3).mean_speed for n in SEGMENTS])
+    return SegmentErrors(1.0 - deflections, swim_speeds(), between)
+
+
 def section(figures: Path) -> Section:
     """Return the part on convergence and draw its picture."""
-    errors = step_errors()
-    steps_order = order(STEPS, errors)
-    counts = np.array(SEGMENTS, dtype=float)
-    deflections = np.array([static_deflection(Fin(segments=n, hinges="midpoint")) for n in SEGMENTS])
-    static_errors = 1.0 - deflections
-    static_order = -order(counts, static_errors)
-    speeds = swim_speeds()
-    limit = extrapolated(SEGMENTS, speeds)
-    speed_errors = np.abs(speeds / limit - 1.0)
-    swim_order = -order(counts[:-2], speed_errors[:-2])  # the limit comes from the last two
-    between = np.array([swim(Fin(segments=n), step=2e-3).mean_speed for n in SEGMENTS])
-
-    figure, axes = new_figure(11.0, 4.2, 1, 2)
-    left, right = axes.flat
-    left.loglog(1e3 * STEPS, errors, "o-", color=BODY_COLOUR, label=f"distance swum, order {steps_order:.2f}")
-    left.loglog(1e3 * STEPS, errors[2] * (STEPS / STEPS[2]) ** 4, "--", color=TAIL_COLOUR, label="order 4")
-    left.set(xlabel="time step, ms", ylabel="relative error", title="Integration")
-    right.loglog(
-        counts, static_errors, "o-", color=FIN_COLOUR, label=f"static tip deflection, order {static_order:.2f}"
-    )
-    right.loglog(
-        counts[:-2], speed_errors[:-2], "s-", color=BODY_COLOUR, label=f"swimming speed, order {swim_order:.2f}"
-    )
-    right.loglog(counts, static_errors[0] * (counts / counts[0]) ** -2.0, "--", color=TAIL_COLOUR, label="order 2")
-    right.set(xlabel="segments N", ylabel="relative error", title="Chain of hinges at the segments' middles")
-    right.set_xticks(counts, [f"{count:g}" for count in counts], minor=False)
-    right.minorticks_off()
-    for panel in (left, right):
-        panel.legend(frameon=False, fontsize="small")
-    figure.savefig(figures / FIGURE, dpi=120)
-
-    checks = [
-        Check("order of the integration, less 4", steps_order - 4.0, 0.3, f"{steps_order:.2f}, steps 0.5 to 16 ms"),
-        Check(
-            "error of the distance at the default step of 1 ms", float(np.interp(1e-3, STEPS[::-1], errors[::-1])), 1e-6
-        ),
-        Check("order of `midpoint` in N, static tip deflection, less 2", static_order - 2.0, 0.02),
-        Check(
-            "static tip deflection at N = 3, 5, 10 against 1 - 1/(4 N^2)",
-            max(
-                abs(static_deflection(Fin(segments=n, hinges="midpoint")) - closed_forms.midpoint_deflection(n))
-                for n in (3, 5, 10)
-            ),
-            1e-12,
-            "0.972, 0.990, 0.998",
-        ),
-        Check(
-            "order of `midpoint` in N, swimming speed, less 2", swim_order - 2.0, 0.3, f"{swim_order:.2f}, N 3 to 10"
-        ),
-    ]
-    rows = [f"| {n} | {100.0 * a:.3f} | {100.0 * b:.3f} |" for n, a, b in zip(SEGMENTS, speeds, between, strict=True)]
+    steps, segments = step_errors(), segment_errors()
+    _draw(figures / FIGURE, steps, segments)
+    columns = zip(SEGMENTS, segments.speeds, segments.between, strict=True)
+    rows = [f"| {n} | {100.0 * a:.3f} | {100.0 * b:.3f} |" for n, a, b in columns]
     text = f"""
-Mean speed of the paper fin over 10 s by the number of segments. `midpoint` tends to {100.0 * limit:.3f} cm/s with
-order 2. The papers' hinges `between` the segments stand for a stiffer root, since their first segment is rigid: with
-three of them they are another fin than the sheet, and tend to it with order 1 only.
+Mean speed of the paper fin over 10 s by the number of segments. `midpoint` tends to
+{100.0 * segments.limit:.3f} cm/s with order 2. The papers' hinges `between` the segments stand for a stiffer root,
+since their first segment is rigid: with three of them they are another fin than the sheet, and tend to it with order 1
+only.
 
 | N | `midpoint`, cm/s | `between`, cm/s |
 |---|---|---|
 {chr(10).join(rows)}
 """
-    return Section("Convergence", checks, text, FIGURE, "Error over the time step and over the number of segments.")
+    caption = "Error over the time step and over the number of segments."
+    return Section("Convergence", _checks(steps, segments), text, FIGURE, caption)
+
+
+def _checks(steps: NDArray[np.float64], segments: SegmentErrors) -> list[Check]:
+    steps_order, swim_order = order(STEPS, steps), segments.swimming_order
+    at_default = float(np.interp(1e-3, STEPS[::-1], steps[::-1]))
+    static_miss = max(
+        abs(static_deflection(Fin(segments=n, hinges="midpoint")) - closed_forms.midpoint_deflection(n))
+        for n in (3, 5, 10)
+    )
+    return [
+        Check("order of the integration, less 4", steps_order - 4.0, 0.3, f"{steps_order:.2f}, steps 0.5 to 16 ms"),
+        Check("error of the distance at the default step of 1 ms", at_default, 1e-6),
+        Check("order of `midpoint` in N, static tip deflection, less 2", segments.static_order - 2.0, 0.02),
+        Check("static tip deflection at N = 3, 5, 10 against 1 - 1/(4 N^2)", static_miss, 1e-12, "0.972, 0.990, 0.998"),
+        Check(
+            "order of `midpoint` in N, swimming speed, less 2", swim_order - 2.0, 0.3, f"{swim_order:.2f}, N 3 to 10"
+        ),
+    ]
+
+
+@own_style()
+def _draw(path: Path, steps: NDArray[np.float64], segments: SegmentErrors) -> None:
+    figure, axes = new_figure(11.0, 4.2, 1, 2)
+    left, right = axes.flat
+    left.loglog(1e3 * STEPS, steps, "o-", color=BODY_COLOUR, label=f"distance swum, order {order(STEPS, steps):.2f}")
+    left.loglog(1e3 * STEPS, steps[2] * (STEPS / STEPS[2]) ** 4, "--", color=TAIL_COLOUR, label="order 4")
+    left.set(xlabel="time step, ms", ylabel="relative error", title="Integration")
+    counts, static = np.array(SEGMENTS, dtype=float), segments.static
+    for over, errors, style, colour, label in (
+        (counts, static, "o-", FIN_COLOUR, f"static tip deflection, order {segments.static_order:.2f}"),
+        (counts[:-2], segments.swimming, "s-", BODY_COLOUR, f"swimming speed, order {segments.swimming_order:.2f}"),
+        (counts, static[0] * (counts / counts[0]) ** -2.0, "--", TAIL_COLOUR, "order 2"),
+    ):
+        right.loglog(over, errors, style, color=colour, label=label)
+    right.set(xlabel="segments N", ylabel="relative error", title="Chain of hinges at the segments' middles")
+    right.set_xticks(counts, [f"{count:g}" for count in counts], minor=False)
+    right.minorticks_off()
+    for panel in (left, right):
+        panel.legend(frameon=False, fontsize="small")
+    figure.savefig(path, dpi=120)

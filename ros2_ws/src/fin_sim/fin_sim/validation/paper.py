@@ -173,22 +173,55 @@ def _maxima(curve: Curve) -> int:
     return int(np.count_nonzero(rises[:-1] & ~rises[1:]))
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """The published points, and this project's two models fitted to them.
+
+    Attributes:
+        points: What is published, by curve.
+        model: The mathematical model's curve.
+        model_area: Its fitted S C_D, m^2.
+        simulated: The simulation's curve.
+        simulation_area: Its fitted S C_D, m^2.
+    """
+
+    points: dict[str, Curve]
+    model: Curve
+    model_area: float
+    simulated: Curve
+    simulation_area: float
+
+    @property
+    def pairs(self) -> tuple[tuple[str, Curve, Curve], ...]:
+        """Name, own curve and published one."""
+        own = (("model", self.model), ("simulation", self.simulated))
+        return tuple((name, curve, self.points[name]) for name, curve in own)
+
+    def over_drive(self, curve: Curve) -> float:
+        """Return the bending frequency of a curve's fastest fin over the drive's."""
+        return best_fin_frequency(curve.best[0]) / PAPER_GAIT.joints[0].frequency
+
+
 def section(data: Path, figures: Path) -> Section:
     """Return the part on the papers' curves and draw its picture."""
     points = published(data / "paper_curves.csv")
     model_area, model = fit_model(points["model"])
     simulation_area, simulated = fit_simulation(points["simulation"])
     _draw(figures / FIGURE, points, model, simulated)
-    body, water, fin = PAPER_FISH.body, PAPER_FISH.water, Fin()
+    found = Comparison(points, model, model_area, simulated, simulation_area)
+    paragraphs = (_fit, _stations, _optimum, _soft_fins, _drag)
+    text = "\n\n".join([*(tell(found) for tell in paragraphs), _sensitivity()])
+    return Section(
+        "The papers' curves", _checks(found), text, FIGURE, "Published points and this project's two models."
+    )
+
+
+def _checks(found: Comparison) -> list[Check]:
     checks: list[Check] = []
-    resonances = []
-    for name, curve in (("model", model), ("simulation", simulated)):
-        theirs = points[name]
-        drive = PAPER_GAIT.joints[0].frequency
-        here, there = (best_fin_frequency(each.best[0]) / drive for each in (curve, theirs))
-        resonances += [here, there]
+    for name, curve, theirs in found.pairs:
         miss = 100.0 * float(np.sqrt(np.mean((curve.at(theirs.modulus) - theirs.speed)[:-1] ** 2)))
         allowed = PUBLISHED_TOLERANCE * 100.0 * float(np.mean(theirs.speed[:-1]))
+        here, there = found.over_drive(curve), found.over_drive(theirs)
         checks += [
             Published(f"{name}: E of the fastest fin, GPa", 1e-9 * curve.best[0], 1e-9 * theirs.best[0]),
             Published(f"{name}: its speed, cm/s", 100.0 * curve.best[1], 100.0 * theirs.best[1]),
@@ -196,30 +229,21 @@ def section(data: Path, figures: Path) -> Section:
             Check(f"{name}: root mean square of the predicted points' errors, cm/s", miss, allowed, finding=True),
             Published(f"{name}: fastest fin's bending frequency over the drive's", here, there),
         ]
-    ratio_theirs = points["model"].best[1] / points["simulation"].best[1]
-    checks.append(Published("model's fastest over simulation's", model.best[1] / simulated.best[1], ratio_theirs))
-    best, fish = Fin(young_modulus=model.best[0]), with_drag_area(model_area)
-    # The four stations from the model's speed to the simulation's, with the same fin and drag area.
-    stations = (
-        model.best[1],
-        towed_equilibrium(best, fish),
-        simulation(best, fish, duration=40.0).steady_speed,
-        simulation(best, fish).mean_speed,
+    here = found.model.best[1] / found.simulated.best[1]
+    there = found.points["model"].best[1] / found.points["simulation"].best[1]
+    return [*checks, Published("model's fastest over simulation's", here, there)]
+
+
+def _fit(found: Comparison) -> str:
+    """Return what was fitted, what is predicted, and how the table is to be read."""
+    body, water, fin = PAPER_FISH.body, PAPER_FISH.water, Fin()
+    model, simulated = (
+        f"{1e-9 * theirs.modulus[-1]:.2f} GPa, {100.0 * theirs.speed[-1]:.2f} cm/s" for _, _, theirs in found.pairs
     )
-    held, in_tow, steady, run = (100.0 * speed for speed in stations)
-    stiffness = (points["model"].best[0] / model.best[0]) ** (1.0 / 3.0)
-    softest = points["model"].modulus[:1]
-    kept = [float(each.at(softest)[0]) / each.best[1] for each in (points["model"], model)]
-    soft = points["simulation"].modulus < min(simulated.best[0], points["simulation"].best[0])
-    faster = simulated.at(points["simulation"].modulus[soft]) / points["simulation"].speed[soft]
-    fish_modulus, fish_speed = points["physical"].best
-    beside = [100.0 * float(points[name].at(np.array([fish_modulus]))[0]) for name in ("model", "simulation")]
-    ends = {name: (1e-9 * points[name].modulus[-1], 100.0 * points[name].speed[-1]) for name in ("model", "simulation")}
-    sensitive = [f"| `{name}` | {value:.4g} | {change:+.1%} |" for name, value, change in sensitivities()]
-    text = f"""
-Fitted, one number each, at the stiffest published point: S C_D = {model_area:.2e} m^2 for the model
-({ends["model"][0]:.2f} GPa, {ends["model"][1]:.2f} cm/s), {simulation_area:.2e} m^2 for the simulation
-({ends["simulation"][0]:.2f} GPa, {ends["simulation"][1]:.2f} cm/s). The project's own S C_D is {body.drag_area:.2e}
+    return f"""
+Fitted, one number each, at the stiffest published point: S C_D = {found.model_area:.2e} m^2 for the model
+({model}), {found.simulation_area:.2e} m^2 for the simulation
+({simulated}). The project's own S C_D is {body.drag_area:.2e}
 m^2, from the measured fish with the stiff VeroWhite fin. Everything else is predicted, in the papers' own form: force
 at the tip, hinges `between`, three segments; the model holds the body and gives the fin no mass, the simulation is
 free and its speed the mean over 10 s from rest. Assumed, not fitted: body {body.mass:.3f} kg with Lamb's added masses,
@@ -227,35 +251,72 @@ C_N {water.normal_drag:g}, damping time {fin.damping_time:g} s, and {1e3 * fin.t
 
 Targets of the table below are the published points, read off the papers' figures to 0.03 cm/s and 0.03 GPa; a bending
 frequency is this project's for the fin of that E, and the errors of the predicted points may reach
-{PUBLISHED_TOLERANCE:.0%} of their mean. A *no* is a disagreement with the papers, told here and not tuned away.
+{PUBLISHED_TOLERANCE:.0%} of their mean. A *no* is a disagreement with the papers, told here and not tuned away."""
 
+
+def _stations(found: Comparison) -> str:
+    """Return the four stations from the model's speed to the simulation's, with the same fin and drag area."""
+    fin, fish = Fin(young_modulus=found.model.best[0]), with_drag_area(found.model_area)
+    stations = (
+        found.model.best[1],
+        towed_equilibrium(fin, fish),
+        simulation(fin, fish, duration=40.0).steady_speed,
+        simulation(fin, fish).mean_speed,
+    )
+    held, in_tow, steady, run = (100.0 * speed for speed in stations)
+    return f"""\
 **From the model to the simulation.** With the model's fastest fin and S C_D the held model gives {held:.2f} cm/s, the
 free fish {run:.2f} over 10 s from rest. Of these {held - run:.2f} cm/s, {held - in_tow:.2f} are thrust that falls as
 the fish gains speed (a body towed without recoil has as much thrust as drag at {in_tow:.2f} cm/s, where the model
 takes the thrust at rest), {in_tow - steady:.2f} are recoil, which takes angle from the tail (the free fish's steady
-speed is {steady:.2f} cm/s), and {steady - run:.2f} are the start from rest.
+speed is {steady:.2f} cm/s), and {steady - run:.2f} are the start from rest."""
 
-**Optimum.** Inside the range of E the model's curve here has {_maxima(model)} and the simulation's {_maxima(simulated)}
-maximum; the first bending frequency of the fastest fin is {min(resonances):.2f} to {max(resonances):.2f} of the
-drive's, here and published. The model's lies at {1e-9 * model.best[0]:.2f} GPa, the published one at
-{1e-9 * points["model"].best[0]:.2f}: since only K counts, the model's curve asks for a fin of
-{1e3 * fin.thickness / stiffness:.3f} mm in place of {1e3 * fin.thickness:.3f} (or another frequency). The simulation's
-lies at {1e-9 * simulated.best[0]:.2f} GPa; the papers state 0.9 (Raja Mohamed & Raviraj) and 1.9 GPa (Clark et al.).
 
-**Soft fins.** At {1e-9 * softest[0]:.2f} GPa the published model keeps {kept[0]:.0%} of its best speed, this one
-{kept[1]:.0%}: damping or a resistive force of another form would change that; neither paper states them. The
-simulation's soft fins swim {faster.min():.1f} to {faster.max():.1f} times as fast as published.
+def _optimum(found: Comparison) -> str:
+    """Return where the fastest fins lie, and the thickness that would bring the model's to its published place."""
+    resonances = [found.over_drive(curve) for _, own, theirs in found.pairs for curve in (own, theirs)]
+    here, there = found.model.best[0], found.points["model"].best[0]
+    thickness, stiffness = Fin().thickness, (there / here) ** (1.0 / 3.0)
+    return f"""\
+**Optimum.** Inside the range of E the model's curve here has {_maxima(found.model)} and the simulation's
+{_maxima(found.simulated)} maximum; the first bending frequency of the fastest fin is {min(resonances):.2f} to
+{max(resonances):.2f} of the drive's, here and published. The model's lies at {1e-9 * here:.2f} GPa, the published one
+at {1e-9 * there:.2f}: since only K counts, the model's curve asks for a fin of {1e3 * thickness / stiffness:.3f} mm in
+place of {1e3 * thickness:.3f} (or another frequency). The simulation's lies at {1e-9 * found.simulated.best[0]:.2f}
+GPa; the papers state 0.9 (Raja Mohamed & Raviraj) and 1.9 GPa (Clark et al.)."""
 
-**Drag.** The simulation's fit asks for {simulation_area / model_area:.1f} times the model's S C_D. The measured fish
-swims
-at {100.0 * fish_speed:.2f} cm/s with a fin of {1e-9 * fish_modulus:.1f} GPa, at which the published model has
-{beside[0]:.2f} and the published simulation {beside[1]:.2f} cm/s.
 
+def _soft_fins(found: Comparison) -> str:
+    """Return how the curves compare at the soft end."""
+    theirs, swum = found.points["model"], found.points["simulation"]
+    softest = theirs.modulus[:1]
+    published_kept, kept = (float(each.at(softest)[0]) / each.best[1] for each in (theirs, found.model))
+    soft = swum.modulus < min(found.simulated.best[0], swum.best[0])
+    faster = found.simulated.at(swum.modulus[soft]) / swum.speed[soft]
+    return f"""\
+**Soft fins.** At {1e-9 * softest[0]:.2f} GPa the published model keeps {published_kept:.0%} of its best speed, this one
+{kept:.0%}: damping or a resistive force of another form would change that; neither paper states them. The
+simulation's soft fins swim {faster.min():.1f} to {faster.max():.1f} times as fast as published."""
+
+
+def _drag(found: Comparison) -> str:
+    """Return how the two fitted drag areas compare, and what is published beside the measured fish."""
+    modulus, speed = found.points["physical"].best
+    model, simulated = (100.0 * float(theirs.at(np.array([modulus]))[0]) for _, _, theirs in found.pairs)
+    return f"""\
+**Drag.** The simulation's fit asks for {found.simulation_area / found.model_area:.1f} times the model's S C_D. The
+measured fish swims at {100.0 * speed:.2f} cm/s with a fin of {1e-9 * modulus:.1f} GPa, at which the published model has
+{model:.2f} and the published simulation {simulated:.2f} cm/s."""
+
+
+def _sensitivity() -> str:
+    """Return the table of the assumed numbers."""
+    rows = [f"| `{name}` | {value:.4g} | {change:+.1%} |" for name, value, change in sensitivities()]
+    return f"""\
 **Sensitivity.** Change of the paper fin's mean speed over 10 s (E = 1.2 GPa, `distributed`) when a number is half as
 large again:
 
 | number | value, SI | change of mean speed |
 |---|---|---|
-{chr(10).join(sensitive)}
+{chr(10).join(rows)}
 """
-    return Section("The papers' curves", checks, text, FIGURE, "Published points and this project's two models.")
