@@ -128,6 +128,20 @@ def test_what_cannot_swim_quickly_is_refused_by_name(
     assert not out
 
 
+@pytest.mark.parametrize(("options", "told"), [((), ""), (("--step", "0.001"), "--step and ")])
+def test_a_step_of_a_parameter_file_is_refused_as_the_option_is(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, options: tuple[str, ...], told: str
+) -> None:
+    file = tmp_path / "fish.yaml"
+    file.write_text("simulator:\n  ros__parameters:\n    fin.length: 0.07\n    step: 1.0e-4\n", encoding="utf-8")
+    quick = ("--quick", "--sweep", "frequency=1,2", "--duration", "0.3", "--params-file", file)
+    out, err = command(capsys, *quick, *options, code=2)
+    assert err.endswith(f"leave out {told}step in {file}\n")
+    assert not out
+    file.write_text(file.read_text(encoding="utf-8").partition("    step")[0], encoding="utf-8")
+    command(capsys, *quick)
+
+
 def test_a_large_sweep_says_that_there_is_a_quick_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -217,8 +217,19 @@ def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[st
             yield f"{prefix}{name}", value
 
 
+def _refuse_step(options: argparse.Namespace, run: Mapping[str, Value]) -> None:
+    """Refuse a time step for a quick sweep, wherever it is given."""
+    given = ["--step"] if options.step is not None else []
+    given += [f"step in {options.params_file}"] if "step" in run else []
+    if given:
+        msg = f"--quick chooses its steps by itself, as short as its figures need: leave out {' and '.join(given)}"
+        raise ValueError(msg)
+
+
 def _plan(options: argparse.Namespace) -> Plan:
     values, run = _read_parameters(options.params_file) if options.params_file else ({}, {})
+    if options.quick:
+        _refuse_step(options, run)
     given = {name: getattr(options, name) for name in PARAMETERS}
     values |= {name: _value(PARAMETERS[name], text) for name, text in given.items() if text is not None}
     chosen = {name: getattr(options, name) for name in _PLAN_OPTIONS if getattr(options, name) is not None}
@@ -486,9 +497,6 @@ def _run(options: argparse.Namespace) -> int:
     if options.case:
         _run_case(options)
         return 0
-    if options.quick and options.step is not None:
-        msg = "--quick chooses its steps by itself, as short as its figures need: leave out --step"
-        raise ValueError(msg)
     plan, axes = _plan(options), [parse_axis(text) for text in options.sweep]
     _check_tow_speed(plan, axes, options)
     if options.material:
