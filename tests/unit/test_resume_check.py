@@ -67,7 +67,7 @@ def test_a_bag_that_was_damaged_or_exchanged_is_named_with_its_trial(study: Path
     write_swim(bag(study, 4), duration=1.5)
     notes = check_scores(study, read_trials(study))
     assert len(notes) == 2
-    assert notes[0].startswith("trial 0004: its score does not follow from its bag any more: speed (m/s) is 0.1")
+    assert notes[0].startswith("trial 0004: its score does not follow from its bag any more: speed [m/s] is 0.1")
     assert "trial 0002: its score does not follow from its bag any more: bag " in notes[1]
     assert "is damaged" in notes[1]
 
@@ -75,7 +75,7 @@ def test_a_bag_that_was_damaged_or_exchanged_is_named_with_its_trial(study: Path
 def test_a_changed_journal_without_check_sums_is_named_and_a_long_list_ends(study: Path) -> None:
     change_scores(study, [1])
     (note,) = check_scores(study, read_trials(study))
-    assert note.startswith("trial 0001: its score does not follow from its bag any more: speed (m/s) is 0.1")
+    assert note.startswith("trial 0001: its score does not follow from its bag any more: speed [m/s] is 0.1")
     assert "and 0.2" in note
     change_scores(study, [0, 2, 3, 4, 5, 6])
     notes = check_scores(study, read_trials(study))

@@ -367,7 +367,7 @@ def test_a_bag_that_does_not_give_the_journals_score_is_an_error(
     shown = capsys.readouterr()
     assert shown.out.count("\n") == 2
     (error,) = (line for line in shown.err.splitlines() if line.startswith("error"))
-    assert error.startswith(f"error: {resumed / trials[2].bag}: speed (m/s) is {value!r} from the bag")
+    assert error.startswith(f"error: {resumed / trials[2].bag}: speed [m/s] is {value!r} from the bag")
     assert f"and {changed!r} in journal.log" in error
 
 
@@ -407,14 +407,14 @@ def test_the_energy_per_metre_of_a_study_about_it_is_that_of_the_live_trial(
     assert score_bag.main([str(with_cost), str(resumed)]) == 0
     heads = [line.split() for line in capsys.readouterr().out.splitlines() if line.endswith(" bag")]
     assert [" ".join(words) for words in heads] == [
-        "speed (m/s) spread (m/s) energy per metre (J/m) bag",
-        "speed (m/s) spread (m/s) bag",
+        "speed [m/s] spread [m/s] energy per metre [J/m] bag",
+        "speed [m/s] spread [m/s] bag",
     ]
     take_off_check_sums(with_cost)
     journal = (with_cost / "journal.log").read_text()
     (with_cost / "journal.log").write_text(journal.replace(repr(trial.cost), "0.5"))
     assert score_bag.main([str(with_cost)]) == 2
-    assert f"energy per metre (J/m) is {trial.cost!r} from the bag and 0.5 in journal.log" in capsys.readouterr().err
+    assert f"energy per metre [J/m] is {trial.cost!r} from the bag and 0.5 in journal.log" in capsys.readouterr().err
 
 
 def test_scores_have_a_header_for_a_person_only(
@@ -425,7 +425,7 @@ def test_scores_have_a_header_for_a_person_only(
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     score_bag.main([str(resumed)])
     header, _, lines = capsys.readouterr().out.partition("\n")
-    assert header.split("  ")[0] == "speed (m/s)"
+    assert header.split("  ")[0] == "speed [m/s]"
     assert lines == piped
 
 
@@ -440,12 +440,12 @@ def test_scores_as_csv_and_json_have_units_and_the_dimensions_that_change(
     plain = [line.split()[:2] for line in capsys.readouterr().out.splitlines()]
     assert score_bag.main([str(tmp_path / "bags"), "--csv"]) == 0
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
-    assert list(rows[0]) == ["bag", "fin.height (m)", "speed (m/s)", "spread (m/s)"]
-    assert [float(row["fin.height (m)"]) for row in rows] == [*heights]
-    assert [[row["speed (m/s)"], row["spread (m/s)"]] for row in rows] == plain, "every digit"
+    assert list(rows[0]) == ["bag", "fin.height [m]", "speed [m/s]", "spread [m/s]"]
+    assert [float(row["fin.height [m]"]) for row in rows] == [*heights]
+    assert [[row["speed [m/s]"], row["spread [m/s]"]] for row in rows] == plain, "every digit"
     assert score_bag.main([str(tmp_path / "bags"), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert [[repr(row["speed (m/s)"]), row["fin.height (m)"]] for row in told] == [
+    assert [[repr(row["speed [m/s]"]), row["fin.height [m]"]] for row in told] == [
         [words[0], height] for words, height in zip(plain, heights, strict=True)
     ]
 

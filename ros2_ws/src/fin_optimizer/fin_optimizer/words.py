@@ -12,10 +12,7 @@ if TYPE_CHECKING:
     Curve = tuple[Sequence[float], Sequence[float]]
     """Values of the parameter in SI units, and the speed in m/s at each."""
 
-
 MODULUS = "fin.young_modulus"
-
-
 # Symbol or word, factor to SI and unit in which a laboratory speaks of a parameter.
 _SHOWN_AS = {
     MODULUS: ("E", 1e9, "GPa"),
@@ -25,9 +22,10 @@ _SHOWN_AS = {
     "fin.thickness": ("thickness", 1e-3, "mm"),
     "fin.profile_height": ("profile", 1e-2, "cm"),
 }
-
-
 CM = 1e-2
+
+SPEED, SPREAD, ENERGY_PER_METRE = "speed [m/s]", "spread [m/s]", "energy per metre [J/m]"
+"""Heads of tables that programs read, for what a trial achieved."""
 
 
 def trial_name(number: int) -> str:

@@ -13,7 +13,7 @@ from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.study.report import varied
-from fin_optimizer.words import with_unit
+from fin_optimizer.words import ENERGY_PER_METRE, SPEED, with_unit
 from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
 
@@ -38,9 +38,9 @@ def columns(settings: Settings, trials: Sequence[TrialRecord]) -> list[Column]:
         ("fin", "int64", lambda trial, _: trial.candidate + 1),
         *fin,
         ("outcome", "string", lambda trial, _: trial.outcome.value),
-        ("speed [m/s]", "double", lambda trial, _: trial.score),
+        (SPEED, "double", lambda trial, _: trial.score),
         ("spread within the swim [m/s]", "double", lambda trial, _: trial.spread),
-        ("energy per metre [J/m]", "double", lambda trial, _: trial.cost),
+        (ENERGY_PER_METRE, "double", lambda trial, _: trial.cost),
         ("samples", "int64", lambda trial, _: trial.samples or None),
         ("mean speed of the fin [m/s]", "double", lambda _, candidate: candidate.score),
         ("spread between its repeats [m/s]", "double", lambda _, candidate: candidate.spread),

@@ -24,7 +24,7 @@ from fin_optimizer.score.mean_speed import (
 )
 from fin_optimizer.score.swim import SwimRecord, score_swim, start_of_swim
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.words import trial_name
+from fin_optimizer.words import ENERGY_PER_METRE, SPEED, SPREAD, trial_name, with_unit
 from fin_plant import checks
 from fin_plant.fin import FIN_PARAMETERS
 from fin_plant.output import end_when_output_closes
@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 _JOURNAL_FILE = "journal.log"  # as fin_optimizer.study.folder names it, which needs Optuna
 _SETTINGS_FILE = "study.json"  # likewise
 _OBJECTIVE_KEY, _OBJECTIVE_WITH_COST = "study.objective", "speed_and_cost_of_transport"  # likewise
-_SPEED, _SPREAD, _COST = "speed (m/s)", "spread (m/s)", "energy per metre (J/m)"
 _STATE_TYPE = "diagnostic_msgs/msg/DiagnosticStatus"
 
 
@@ -153,8 +152,8 @@ def _tables(scored: Sequence[_Scored], words: argparse.Namespace) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="score_bag",
-        description="Print one line a recorded trial, or a table with heads: mean forward speed (m/s), its spread "
-        "(m/s), in a study of it the energy per metre (J/m), and the bag.",
+        description="Print one line a recorded trial, or a table with heads: mean forward speed [m/s], its spread "
+        "[m/s], in a study of it the energy per metre [J/m], and the bag.",
     )
     parser.add_argument(
         "paths", nargs="+", type=given_path, metavar="PATH", help="a bag, its .mcap file, a folder of bags, or a study"
@@ -184,7 +183,7 @@ def _table(scored: Sequence[_Scored]) -> list[dict[str, object]]:
     """Return a row a bag by heads with units: the fin's parameters that differ among the bags, and what it achieved."""
     told = dict.fromkeys(name for _, _, metadata in scored for name in metadata if name in FIN_PARAMETERS)
     varied = [name for name in told if len({metadata.get(name) for _, _, metadata in scored}) > 1]
-    heads = {name: f"{name} ({FIN_PARAMETERS[name].unit})" if FIN_PARAMETERS[name].unit else name for name in varied}
+    heads = {name: with_unit(name) for name in varied}
     measured = dict.fromkeys(name for _, numbers, _ in scored for name in numbers)
     return [
         {
@@ -206,7 +205,7 @@ def _value(text: str | None) -> object:
 
 def _as_csv(table: Sequence[Mapping[str, object]]) -> str:
     text = io.StringIO()
-    writer = csv.DictWriter(text, table[0] if table else ["bag", _SPEED, _SPREAD], lineterminator="\n")
+    writer = csv.DictWriter(text, table[0] if table else ["bag", SPEED, SPREAD], lineterminator="\n")
     writer.writeheader()
     writer.writerows(table)
     return text.getvalue()
@@ -299,15 +298,15 @@ def numbers_of(
     if not bag.complete:
         count = sum(bag.counts.values())
         sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")
-    numbers = {_SPEED: result.value, _SPREAD: result.spread}
+    numbers = {SPEED: result.value, SPREAD: result.spread}
     if with_cost:
-        numbers[_COST] = math.nan if cost is None else cost
+        numbers[ENERGY_PER_METRE] = math.nan if cost is None else cost
     return numbers, bag
 
 
 def difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
     """Return which of a bag's numbers is not the one that its study has, or an empty text."""
-    known = {_SPEED: trial.score, _SPREAD: trial.spread, _COST: trial.cost}
+    known = {SPEED: trial.score, SPREAD: trial.spread, ENERGY_PER_METRE: trial.cost}
     differs = [name for name, value in numbers.items() if known[name] is not None and known[name] != value]
     said = ", ".join(
         f"{name} is {numbers[name]!r} from the bag and {known[name]!r} in {_JOURNAL_FILE}" for name in differs

@@ -30,14 +30,9 @@ if TYPE_CHECKING:
 
     from fin_optimizer.score.joints import Joints
 
-
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
-
-
-_FIN = "fin."
-
-
-_DRIVEN = "tail_joint"
+_FIN_PREFIX = "fin."
+_DRIVEN_PREFIX = "tail_joint"
 """What the names of the driven joints start with; the fin's own hinges are springs and take no power from a servo."""
 
 
@@ -51,7 +46,7 @@ def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
     Raises:
         ScoreError: The plant started to swim never, more than once, with another fin, or did not say when.
     """
-    fin = {name: value for name, value in metadata.items() if name.startswith(_FIN)}
+    fin = {name: value for name, value in metadata.items() if name.startswith(_FIN_PREFIX)}
     starts = set()
     for message in states:
         if message.message != State.SWIMMING:
@@ -78,7 +73,7 @@ def tail_angle(message: bytes) -> float:
     """Return the largest angle in rad of the driven joints in a serialised JointState; 0 without any."""
     joints = decode(message, JOINT_STATE_TYPE)
     pairs = zip(joints.name, joints.position, strict=False)
-    return max((abs(float(angle)) for name, angle in pairs if name.startswith(_DRIVEN)), default=0.0)
+    return max((abs(float(angle)) for name, angle in pairs if name.startswith(_DRIVEN_PREFIX)), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -134,7 +129,7 @@ def power_samples(joints: Sequence[Joints]) -> tuple[NDArray[np.int64], NDArray[
 
 
 def _power(joints: Joints) -> NDArray[np.float64]:
-    driven = [index for index, name in enumerate(joints.names) if name.startswith(_DRIVEN)]
+    driven = [index for index, name in enumerate(joints.names) if name.startswith(_DRIVEN_PREFIX)]
     told = len(joints.names)
     if not driven or joints.effort.shape[1] != told or joints.velocity.shape[1] != told:
         return np.full(joints.stamps.shape, np.nan)

@@ -7,7 +7,7 @@ import io
 from datetime import UTC
 from typing import TYPE_CHECKING
 
-from fin_optimizer.words import with_unit
+from fin_optimizer.words import ENERGY_PER_METRE, SPEED, SPREAD, with_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -45,7 +45,7 @@ def trials_table(trials: Sequence[TrialRecord], settings: Settings) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = varied(settings, [trial.values for trial in trials])
-    measured = ["speed [m/s]", "spread [m/s]", "energy per metre [J/m]", "samples"]
+    measured = [SPEED, SPREAD, ENERGY_PER_METRE, "samples"]
     times = ["started [UTC]", "ended [UTC]"]
     parameters = [with_unit(name) for name in names]
     writer.writerow(["trial", "fin", *parameters, "outcome", *measured, *times, "plant", "bag", "reason"])
