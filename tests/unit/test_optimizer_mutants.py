@@ -21,6 +21,7 @@ TESTS = {
     "search/genetic": ["test_genetic.py"],
     "search/cma_es": ["test_genetic.py"],
     "plan": ["test_plan.py"],
+    "score/swim": ["test_swim_score.py"],
 }
 TABLES = {"trial/phases": ["PHASES"]}
 """Tables outside functions whose rows are changed too."""
@@ -35,6 +36,10 @@ EQUIVALENT = {
     "search/cma_es": {
         "_tell: True -> False": "that there are as many scores as candidates was checked above",
         "_tell: 0.0 -> 1.0": "without any score all candidates are equal, whatever they count as",
+    },
+    "score/swim": {
+        "start_of_swim: '' -> 'another'": "neither is a number",
+        "refuse_folded: 0.0 -> 1.0": "a hinge at 1 rad is no folded one either",
     },
 }
 """Mutants that do the same as the original, with the reason."""

@@ -47,6 +47,10 @@ def test_a_message_that_does_not_tell_the_power_has_none(told: dict[str, tuple[f
     assert math.isnan(power_samples(joint_columns([joints(**told)]))[1][0])
 
 
+def test_no_messages_tell_no_power_at_no_time() -> None:
+    assert [column.tolist() for column in power_samples([])] == [[], []]
+
+
 def test_the_tails_angle_is_the_largest_of_its_joints_either_way() -> None:
     assert tail_angle(joints(tail_joint_1=(0.2,), tail_joint_2=(-0.3,), fin_hinge_1=(2.0,))) == 0.3
     assert tail_angle(joints(fin_hinge_1=(2.0,))) == 0.0
@@ -57,6 +61,8 @@ def test_a_fin_folds_where_a_hinge_bends_beyond_half_a_turn() -> None:
     refuse_folded(joint_columns([]))
     refuse_folded(joint_columns([straight, straight]))
     refuse_folded(joint_columns([joints(tail_joint_1=(3.2,))] * 2))
+    with pytest.raises(ScoreError, match="183 degrees"):
+        refuse_folded(joint_columns([joints(fin_hinge_1=(0.1,), fin_hinge_2=(0.1,)), folded]))
     with pytest.raises(ScoreError, match="183 degrees"):
         refuse_folded(joint_columns([straight, folded, straight]))
 
@@ -72,6 +78,8 @@ def test_a_swim_begins_where_its_state_says() -> None:
     assert start(state("SWIMMING", 7), **fin) == 7, "a state that tells no fin is believed"
     with pytest.raises(NotThisSwimError, match=r"swam with fin\.length = 0\.09 instead of 0\.08"):
         start(state("SWIMMING", START, fin__length="0.09"), **fin)
+    with pytest.raises(NotThisSwimError, match=r"0\.09 instead of 0\.08, fin\.height = 3 instead of 2: it is another"):
+        start(state("SWIMMING", START, fin__length="0.09", fin__height="3"), **fin, **{"fin.height": "2"})
     with pytest.raises(NotThisSwimError, match="0 starts of a swim, needed is one: no swim begins"):
         start(state("READY", 1), **fin)
     with pytest.raises(NotThisSwimError, match="2 starts of a swim, needed is one: the bag holds more"):
@@ -124,3 +132,52 @@ def test_a_swim_faster_than_a_fish_or_not_from_rest_is_refused() -> None:
     measurement = Measurement(1.0, 2.0, largest_start_speed=0.1)
     with pytest.raises(NotThisSwimError, match=r"25 cm/s before the gait.*within 10 cm/s"):
         scored((stamps, 0.25 + 0.0 * speeds), None, measurement)
+
+
+def test_the_recording_reaches_the_windows_end() -> None:
+    """To the nanosecond; what ends before it has lost the rest of the swim, though no gap is too long."""
+    measurement = Measurement(1.0, 2.0)
+    stamps, speeds = steady(0.25)
+    joints = power_of(2.0)
+    reached = slice(0, 301)
+    assert scored((stamps[reached], speeds[reached]), joints[reached], measurement)[1] is not None
+    short = slice(0, 276)
+    with pytest.raises(ScoreError, match=r"^velocity ends 0\.25 s before the window does"):
+        scored((stamps[short], speeds[short]), None, measurement)
+    with pytest.raises(ScoreError, match=r"^joint_states ends 0\.25 s before the window does"):
+        scored((stamps, speeds), joints[short], measurement)
+
+
+def test_a_swim_whose_joints_nobody_recorded_has_no_energy() -> None:
+    started = decode(state("SWIMMING", START), STATE.type_name)
+    record = SwimRecord(steady(0.25), [started], None, Measurement(1.0, 2.0).metadata())
+    with pytest.raises(ScoreError, match="no joint_states for"):
+        score_swim(record, with_cost=True)
+
+
+def test_a_swim_of_a_folded_fin_or_of_a_tracker_that_stands_still_has_no_score() -> None:
+    measurement = Measurement(1.0, 2.0)
+    with pytest.raises(ScoreError, match="183 degrees"):
+        scored(steady(0.25), [joints(fin_hinge_1=(-3.2,))], measurement)
+    stamps, speeds = steady(0.25)
+    speeds[150:250] = 0.25
+    with pytest.raises(ScoreError, match="to the last bit"):
+        scored((stamps, speeds), None, measurement)
+
+
+def test_a_swim_without_the_time_of_its_start_is_refused() -> None:
+    for stamp in ("", "soon"):
+        with pytest.raises(ScoreError, match=f"stamp_ns = '{stamp}', needed is the plant's time"):
+            start(state("SWIMMING", START, stamp_ns=stamp))
+    message = decode(state("SWIMMING", START), STATE.type_name)
+    message.values.clear()
+    with pytest.raises(ScoreError, match="stamp_ns = None"):
+        start_of_swim([message], {})
+
+
+def test_a_joint_without_an_angle_is_not_looked_at() -> None:
+    types = message_types().types
+    header = types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](3, 5), "")
+    names, angles = ["tail_joint_1", "tail_joint_2"], np.array([0.2])
+    message = types[JOINTS.type_name](header, names, angles, np.zeros(0), np.zeros(0))
+    assert tail_angle(bytes(message_types().serialize_cdr(message, JOINTS.type_name))) == 0.2

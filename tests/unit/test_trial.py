@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.trial.facts import LOOKED_UP, Facts, Reply
-from fin_optimizer.trial.phases import PHASES, Action, Rule, Timeouts, same_value
+from fin_optimizer.trial.phases import PHASES, STRAIGHT, Action, Rule, Timeouts, same_value
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.trial import Trial
 from fin_plant.plant_state import PlantState, State
@@ -122,6 +122,11 @@ class Rehearsal:
         self.say(state, 50 * SECOND, "mount the fin")
 
     @property
+    def phase(self) -> str:
+        """The phase under way, or how the trial ended."""
+        return self.trial.phase if self.trial.result is None else self.trial.result.outcome.name
+
+    @property
     def failure(self) -> str:
         """Why the trial FAILED or was INTERRUPTED."""
         return self._failed.reason
@@ -162,7 +167,7 @@ def test_one_velocity_short_of_the_windows_end_is_not_enough() -> None:
     rehearsal.reach("measure")
     rehearsal.seen.newest_velocity = 22 * SECOND - 1
     rehearsal.update()
-    assert rehearsal.trial.phase == "measure"
+    assert rehearsal.phase == "measure"
 
 
 # Phase, how long it is waited, and what the reason must name.
@@ -205,6 +210,93 @@ def test_a_plant_that_says_nothing_is_told_from_one_that_lacks_services() -> Non
     assert "service /fish/mine/request_reset missing; nobody publishes topic /fish/plant_state" in rehearsal.failure
 
 
+@pytest.mark.parametrize(
+    ("phase", "reason"),
+    [
+        ("wait until it is at rest", "nothing was said on topic /fish/plant_state, needed is READY"),
+        ("set the fin", "no answer from service the plant/set_parameters_atomically"),
+        ("reset", "no answer from service the plant/request_reset"),
+        ("wait at the start", "nothing was said on topic /fish/plant_state, needed is READY; the fin mounted has"),
+    ],
+)
+def test_a_plant_that_is_lost_from_sight_is_none_of_which_anything_is_known(phase: str, reason: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach(phase)
+    rehearsal.seen.plants, rehearsal.seen.plant = (), None
+    rehearsal.update(60.1)
+    assert rehearsal.failure.startswith(f"{phase}: {reason}")
+
+
+def test_a_plant_that_is_ready_but_has_not_been_reset_is_told_without_more() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait at the start")
+    rehearsal.update(10.1)
+    assert rehearsal.failure == ("wait at the start: topic /fish/plant_state says READY, needed is READY (waited 10 s)")
+
+
+def test_every_difference_of_the_fin_mounted_is_named() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait for the fin")
+    rehearsal.say(State.READY, 3 * SECOND, fin={**OTHER_FIN, "fin.segments": "2"})
+    rehearsal.update(10.1)
+    differs = "fin.young_modulus = 1200000000.0 instead of 1500000000.0, fin.segments = 2 instead of 3"
+    assert rehearsal.failure.endswith(f"says READY, needed is READY; the fin mounted has {differs} (waited 10 s)")
+
+
+def test_every_topic_without_a_stream_is_named() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("open the bag")
+    rehearsal.seen.unmatched_topics = ("/fish/velocity", "/fish/pose")
+    rehearsal.update(10.1)
+    nobody = [f"nobody publishes topic {topic}; no other node is seen" for topic in rehearsal.seen.unmatched_topics]
+    assert f"nothing to record on topic /fish/velocity, /fish/pose: {'; '.join(nobody)} (" in rehearsal.failure
+
+
+def test_a_plant_that_must_be_reset_again_is_told_before_the_water() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("wait until the water is still")
+    rehearsal.say(State.WAITING_FOR_RESET, 5 * SECOND, fin=SHOWN)
+    rehearsal.seen.drift = 0.0
+    rehearsal.update(60.1)
+    assert rehearsal.failure.startswith(
+        "wait until the water is still: topic /fish/plant_state says WAITING_FOR_RESET, needed is READY (waited"
+    )
+
+
+@pytest.mark.parametrize(
+    ("newest", "reason"),
+    [
+        (9.5, "the last one stamped 0.5 s before the start"),
+        (-989.9, "the last one stamped 1e+03 s before the start"),
+        (-990.0, "the last one stamped 1000 s before the start"),
+        (12.25, "their stamps advanced by only 0.25 s: needed are 0.5 s"),
+        (None, "no message on topic /fish/velocity after 2.00 s of the swim"),
+    ],
+)
+def test_velocities_that_stand_still_are_told_with_their_times(newest: float | None, reason: str) -> None:
+    rehearsal = Rehearsal()
+    rehearsal.seen.least_pace = 0.1
+    rehearsal.reach("measure")
+    rehearsal.seen.velocities = 500
+    rehearsal.seen.newest_velocity = None if newest is None else round(newest * SECOND)
+    rehearsal.update(5.1)
+    assert reason in rehearsal.failure
+
+
+def test_a_plant_that_swims_on_is_told_before_what_has_not_come() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("stop the gait")
+    rehearsal.seen.late_topics = ("/fish/pose", "/fish/velocity")
+    rehearsal.update(15.1)
+    assert "the gait is off, but topic /fish/plant_state says SWIMMING" in rehearsal.failure
+    rehearsal = Rehearsal()
+    rehearsal.reach("stop the gait")
+    rehearsal.seen.late_topics = ("/fish/pose", "/fish/velocity")
+    rehearsal.say(State.WAITING_FOR_RESET, 23 * SECOND, fin=SHOWN)
+    rehearsal.update(5.1)
+    assert "no message up to the end of the window on topic /fish/pose, /fish/velocity (" in rehearsal.failure
+
+
 def test_a_plant_that_stops_without_a_reason_is_told_from_one_that_gives_one() -> None:
     rehearsal = Rehearsal()
     rehearsal.reach("measure")
@@ -213,13 +305,19 @@ def test_a_plant_that_stops_without_a_reason_is_told_from_one_that_gives_one() -
     assert "without a reason: did the gait on /fish/gait reach it?" in rehearsal.failure
 
 
+NOT_TO_THE_END = {
+    Rule.WHOLE_GAIT: ["wait until it is at rest"],
+    Rule.VELOCITY: ["open the bag", "wait until the water is still", "settle", "measure", "stop the gait", "score"],
+    Rule.SWIMS: ["settle", "measure"],
+}
+
+
 @pytest.mark.parametrize("rule", Rule)
 def test_a_rule_that_begins_to_hold_holds_to_the_end(rule: Rule) -> None:
     """What happens to a plant is never undone; the fish alone stops to swim, and velocities come in parts."""
     holds = [rule in phase.rules for phase in PHASES]
-    if rule in Rule.WHOLE_GAIT | Rule.SWIMS | Rule.VELOCITY:
-        assert any(holds)
-        assert not all(holds)
+    if rule in NOT_TO_THE_END:
+        assert [phase.name for phase in PHASES if rule in phase.rules] == NOT_TO_THE_END[rule]
     else:
         assert holds == sorted(holds)
         assert not holds[0]
@@ -291,7 +389,7 @@ def test_an_emergency_stop_is_no_attempt_at_the_fin_and_its_release_is_waited_fo
     next_one.reach("wait until it is at rest")
     next_one.seen.plant = latched
     next_one.update(1e6)
-    assert next_one.trial.phase == "wait until it is at rest"
+    assert next_one.phase == "wait until it is at rest"
     next_one.reach("measure")
 
 
@@ -332,6 +430,63 @@ def test_a_refused_fin_is_infeasible_with_the_plants_reason() -> None:
     assert rehearsal.actions == [Action.SET_FIN]
 
 
+def test_a_fin_that_is_refused_without_a_reason_is_infeasible_all_the_same() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("set the fin")
+    rehearsal.seen.fin_reply = Reply(accepted=False, reason="")
+    rehearsal.update()
+    assert rehearsal.trial.result == Result(Outcome.INFEASIBLE, "the plant refused the fin without a reason")
+
+
+def test_a_trial_that_has_ended_is_not_cancelled_any_more() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("score")
+    rehearsal.seen.result = OK
+    rehearsal.update()
+    assert rehearsal.trial.cancel("somebody pressed Ctrl-C") == []
+    assert rehearsal.trial.result == OK
+
+
+def test_a_limit_is_over_when_more_than_its_time_has_passed() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.update()
+    rehearsal.update(30.0)
+    assert rehearsal.phase == "find the plant"
+    rehearsal.update(2.0**-40)
+    assert rehearsal.phase == "INTERRUPTED"
+
+
+def test_a_plant_out_of_sight_since_the_fin_was_set_may_come_back() -> None:
+    lost, back = Rehearsal(), Rehearsal()
+    for rehearsal in (lost, back):
+        rehearsal.reach("set the fin")
+        rehearsal.seen.publishers = frozenset()
+        rehearsal.reach("wait for the fin")
+        rehearsal.say(State.WAITING_FOR_FIN, 3 * SECOND, "mount the fin")
+        rehearsal.update(0.5)
+        rehearsal.update(29.5)
+        assert rehearsal.phase == "wait for the fin"
+    back.seen.publishers = frozenset({"second"})
+    back.reach("measure")
+    lost.update(1.0)
+    assert lost.failure == "wait for the fin: nobody publishes topic /fish/plant_state any more (waited 30 s)"
+
+
+def test_exactly_the_least_pace_is_progress() -> None:
+    """Half of real time: 2.5 s of the swim in a silence of 5 s."""
+    rehearsal = Rehearsal()
+    rehearsal.seen.least_pace = 0.5
+    rehearsal.reach("measure")
+    for newest in (14.5, 17.0, 19.5):
+        rehearsal.seen.newest_velocity = round(newest * SECOND)
+        rehearsal.update(4.9)
+        assert rehearsal.phase == "measure"
+    rehearsal.seen.velocities, rehearsal.seen.newest_velocity = 1, 22 * SECOND - 1  # a nanosecond less
+    rehearsal.update(4.9)
+    rehearsal.update(0.2)
+    assert "advanced by only 2.5 s: needed are 2.5 s" in rehearsal.failure
+
+
 def test_a_refused_reset_fails_the_trial() -> None:
     rehearsal = Rehearsal()
     rehearsal.reach("reset")
@@ -345,10 +500,10 @@ def test_a_state_said_before_the_reset_does_not_count_as_being_at_the_start() ->
     rehearsal.reach("wait at the start")
     rehearsal.say(State.READY, 3 * SECOND, fin=SHOWN)
     rehearsal.update()
-    assert rehearsal.trial.phase == "wait at the start"
+    assert rehearsal.phase == "wait at the start"
     rehearsal.say(State.READY, 3 * SECOND + 1, fin=SHOWN)
     rehearsal.update()
-    assert rehearsal.trial.phase == "open the bag"
+    assert rehearsal.phase == "open the bag"
 
 
 AFTER_THE_FIN = [phase.name for phase in PHASES[3:12]]
@@ -361,7 +516,7 @@ def test_people_get_the_time_they_need(phase: str, state: State) -> None:
     rehearsal = Rehearsal()
     rehearsal.wait_for_people(phase, state)
     rehearsal.update(1e6)
-    assert rehearsal.trial.phase == phase
+    assert rehearsal.phase == phase
     impatient = Rehearsal(timeouts=replace(TIMEOUTS, people=3600.0))
     impatient.wait_for_people(phase, state)
     impatient.update(3601.0)
@@ -390,7 +545,7 @@ def test_a_plant_that_is_out_of_sight_for_a_moment_is_waited_for(phase: str, sta
         for publishers in (frozenset[str](), frozenset({"first"})):
             rehearsal.seen.publishers = publishers
             rehearsal.update(20.0)
-    assert rehearsal.trial.phase == phase
+    assert rehearsal.phase == phase
 
 
 @pytest.mark.parametrize("phase", [phase.name for phase in PHASES[:7]])
@@ -401,11 +556,21 @@ def test_what_fails_before_the_gait_is_on_is_no_attempt_at_the_fin(phase: str) -
     assert not rehearsal.is_attempt
 
 
-def test_silence_under_way_is_an_attempt_at_the_fin() -> None:
+@pytest.mark.parametrize("phase", [phase.name for phase in PHASES[8:12]])
+def test_silence_under_way_is_an_attempt_at_the_fin(phase: str) -> None:
     rehearsal = Rehearsal()
-    rehearsal.reach("measure")
-    rehearsal.update(6.0)
+    rehearsal.reach(phase)
+    rehearsal.update(15.1)
     assert rehearsal.is_attempt
+
+
+def test_a_swim_that_nobody_scores_fails() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("score")
+    rehearsal.update(19.9)
+    assert rehearsal.phase == "score"
+    rehearsal.update(0.2)
+    assert rehearsal.failure == "score: no score (waited 20 s)"
 
 
 def test_a_swim_of_another_gait_than_the_one_asked_for_is_no_ok_trial() -> None:
@@ -423,7 +588,7 @@ def test_a_swim_counts_only_once_the_plant_has_said_which_gait_it_swims() -> Non
     rehearsal.reach("start the gait")
     rehearsal.say(State.SWIMMING, 10 * SECOND, fin=SHOWN)
     rehearsal.update(4.9)
-    assert rehearsal.trial.phase == "start the gait"
+    assert rehearsal.phase == "start the gait"
     rehearsal.update(0.2)
     assert "it is not told which gait the plant swims: nobody publishes topic /fish/gait_applied" in rehearsal.failure
     assert rehearsal.actions[-2:] == [Action.GAIT_OFF, Action.CLOSE_BAG]
@@ -455,7 +620,7 @@ def test_no_swim_begins_before_it_is_known_which_fish_it_is() -> None:
     rehearsal.reach("wait at the start")
     rehearsal.say(State.READY, 4 * SECOND, fin=SHOWN)
     rehearsal.update(5.0)
-    assert rehearsal.trial.phase == "wait at the start"
+    assert rehearsal.phase == "wait at the start"
     rehearsal.update(5.1)
     assert "no answer from service /fish/simulator/get_parameters" in rehearsal.failure
 
@@ -466,10 +631,10 @@ def test_a_swim_begins_with_a_straight_tail() -> None:
     rehearsal.say(State.READY, 4 * SECOND, fin=SHOWN)
     rehearsal.seen.tail_angle = 0.2
     rehearsal.update(5.0)
-    assert rehearsal.trial.phase == "wait at the start"
-    rehearsal.seen.tail_angle = 0.04
+    assert rehearsal.phase == "wait at the start"
+    rehearsal.seen.tail_angle = STRAIGHT
     rehearsal.update(0.1, until="open the bag")
-    assert rehearsal.trial.phase == "open the bag"
+    assert rehearsal.phase == "open the bag"
 
 
 def test_a_tail_that_stays_bent_is_named() -> None:
@@ -528,7 +693,7 @@ def test_a_simulated_swim_may_be_a_hundred_times_slower_than_real_time() -> None
     for tenth in range(100):
         rehearsal.seen.newest_velocity = 12 * SECOND + tenth * SECOND // 10
         rehearsal.update(4.0)
-    assert rehearsal.trial.phase == "measure"
+    assert rehearsal.phase == "measure"
 
 
 # Stamps in s of a velocity's clock after so many s of the swim, which began at 10 s; and what the trial says of them.
@@ -594,11 +759,11 @@ def test_a_fish_that_drifts_is_waited_for_before_its_gait_starts() -> None:
     rehearsal.reach("wait until the water is still")
     rehearsal.seen.drift = 0.012
     rehearsal.update(59.0)
-    assert rehearsal.trial.phase == "wait until the water is still"
+    assert rehearsal.phase == "wait until the water is still"
     assert Action.GAIT_ON not in rehearsal.actions
     rehearsal.seen.drift = -0.004
     rehearsal.update(0.1)
-    assert rehearsal.trial.phase == "start the gait"
+    assert rehearsal.phase == "start the gait"
 
 
 def test_a_fish_that_drifts_for_too_long_swims_nothing() -> None:
@@ -651,7 +816,7 @@ def test_a_state_that_is_said_again_with_its_stamp_changes_nothing() -> None:
     rehearsal.reach("measure")
     rehearsal.say(State.SWIMMING, 10 * SECOND, fin=SHOWN)
     rehearsal.update()
-    assert rehearsal.trial.phase == "measure"
+    assert rehearsal.phase == "measure"
 
 
 def test_two_plants_in_one_namespace_are_refused_by_name() -> None:
@@ -687,7 +852,7 @@ def test_the_bag_stays_open_until_every_stream_has_reached_the_windows_end() -> 
     rehearsal.seen.late_topics = ("/fish/pose",)
     rehearsal.say(State.READY, 23 * SECOND, fin=SHOWN)
     rehearsal.update(5.0)
-    assert rehearsal.trial.phase == "stop the gait"
+    assert rehearsal.phase == "stop the gait"
     rehearsal.update(0.1)
     assert "no message up to the end of the window on topic /fish/pose" in rehearsal.failure
 
@@ -715,7 +880,13 @@ def test_a_result_that_contradicts_itself_is_refused(arguments: dict[str, object
         Result(**arguments)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("name", ["find", "plant", "reply", "silence"])
+def test_only_people_may_be_waited_for_without_an_end() -> None:
+    with pytest.raises(ValueError, match=r"timeout\.people = -1 s"):
+        Timeouts(people=-1.0)
+    assert Timeouts(0.5, 0.5, 0.5, 0.5, 0.5, people=0.5).people == 0.5
+
+
+@pytest.mark.parametrize("name", ["find", "plant", "reply", "silence", "rest"])
 def test_a_timeout_of_zero_is_refused_where_it_would_fail_every_trial(name: str) -> None:
     with pytest.raises(ValueError, match=f"timeout.{name} = 0 s"):
         Timeouts(**{name: 0.0})

@@ -153,10 +153,15 @@ def refuse_folded(joints: Sequence[Joints]) -> None:
 def _check_reaches_end(stamps: NDArray[np.int64], window: Window, topic: str) -> None:
     """Look whether a topic's messages go on to the window's end, as those of a trial do before it is scored.
 
+    Args:
+        stamps: Header stamps in ns, shape (n,), of those that gave a mean over the window: there are some.
+        window: What counts.
+        topic: For the message.
+
     Raises:
         ScoreError: They do not: the rest was lost, in a kill for example, and a score without it is another one.
     """
-    newest = int(stamps.max()) if stamps.size else window.end_ns  # none at all is told by who needs them
+    newest = int(stamps.max())
     if newest < window.end_ns:
         missing = (window.end_ns - newest) / NANOSECONDS
         msg = f"{topic} ends {missing:.3g} s before the window does: the rest of the swim was not recorded, or was lost"

@@ -263,7 +263,7 @@ def _no_progress(course: Course, facts: Facts) -> str:
             f"{came} messages came on topic {topic}, the last one stamped {_seconds(behind)} before the start of "
             "the swim: its clock is not the plant's"
         )
-    advanced = max(0.0, course.swum - course.swum_before)
+    advanced = course.swum - course.swum_before
     return (
         f"{came} messages came on topic {topic}, but their stamps advanced by only {_seconds(advanced)}: needed "
         f"are {_seconds(facts.least_pace * course.timeouts.silence)}"
