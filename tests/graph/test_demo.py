@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
-from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.score.recorded import score_bag
 from fin_plant.fin import Fin
 from fin_plant.plant_state import State
 from fin_sim import swim

@@ -12,7 +12,7 @@ import pytest
 
 from fin_optimizer.bags.integrity import MAGIC_SIZE
 from fin_optimizer.bags.reader import is_closed, read_bag
-from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.study.candidate import candidates
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from std_srvs.srv import Trigger
 
 from fin_optimizer.bags.reader import read_bag
-from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.study.records import read_ledger, read_trials
 from fin_optimizer.trial.plant_client import PlantClient as OptimizersClient
 from fin_optimizer.trial.result import Outcome

@@ -17,8 +17,9 @@ from fin_optimizer.bags.messages import header_stamp
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.commands.play_bag import Display, Player, parser
-from fin_optimizer.commands.score_bag import score_bag, swimming_since
 from fin_optimizer.score.mean_speed import Measurement, score
+from fin_optimizer.score.recorded import recorded_swim, score_bag
+from fin_optimizer.score.swim import start_of_swim
 from fin_optimizer.trial.recorder import Recorder
 from fin_plant import topics
 from support.bags import START, STATE, STEP, gait, state, write_swim
@@ -107,7 +108,8 @@ def test_a_played_bag_gives_a_listener_every_message_and_the_same_score(
     assert "left out: /fish/gait; --topics plays what it names" in player.output()
     ear.recorder.close()
     live, recorded = score_bag(swim)
-    window = Measurement.from_metadata(recorded.metadata).window(swimming_since(recorded))
+    begun = start_of_swim(recorded_swim(recorded, {}, with_cost=False).states, recorded.metadata)
+    window = Measurement.from_metadata(recorded.metadata).window(begun)
     assert score(*ear.recorder.velocity_samples(), window) == live
     assert score_bag(tmp_path / "again")[0] == live
     sent = [(stamp, data) for _, stamp, data in recorded.messages("velocity")]

@@ -18,8 +18,8 @@ from rclpy.qos import qos_profile_sensor_data
 
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag, read_velocity
-from fin_optimizer.commands.score_bag import score_bag
 from fin_optimizer.score.mean_speed import Measurement, score
+from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.trial.recorder import Recorder
 from fin_plant import topics
 from fin_plant.discovery import End, look_around

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from fin_optimizer.bags.reader import read_bag
-from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
 from support.waiting import wait_until

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from fin_optimizer.bags.reader import read_bag
-from fin_optimizer.commands.score_bag import energy_per_metre, score_bag
+from fin_optimizer.score.recorded import achieved, score_bag
 from fin_optimizer.study.candidate import candidates, front
 from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.study.settings import Objective
 from fin_optimizer.trial.result import Outcome
+from fin_optimizer.words import ENERGY_PER_METRE
 from fin_plant.messages import gait_message
 from fin_plant.plant_state import State
 from support.plant_client import PlantClient
@@ -171,7 +172,8 @@ def test_two_objectives_are_measured_in_the_simulator_and_again_from_the_bag(sta
     assert study.wait(60) == 0
     trials = read_trials(folder)
     assert [trial.outcome for trial in trials] == [Outcome.OK] * 3
-    assert [energy_per_metre(read_bag(folder / trial.bag)) for trial in trials] == [trial.cost for trial in trials]
+    again = [achieved(read_bag(folder / trial.bag))[ENERGY_PER_METRE] for trial in trials]
+    assert again == [trial.cost for trial in trials]
     assert read_settings(folder).objective is Objective.SPEED_AND_COST
     assert f"Pareto front of speed and energy per metre ({len(front(candidates(trials)))} fins)" in study.output()
     assert (folder / "pareto_front.png").read_bytes().startswith(b"\x89PNG")

@@ -26,8 +26,9 @@ from fin_optimizer.bags import writer as bag_module
 from fin_optimizer.bags.messages import BagError, decode, header_stamp, message_types
 from fin_optimizer.bags.reader import bag_metadata, read_bag, read_velocity
 from fin_optimizer.bags.writer import BagTopic, BagWriter
-from fin_optimizer.commands.score_bag import main, score_bag
+from fin_optimizer.commands.score_bag import main
 from fin_optimizer.score.mean_speed import Measurement, ScoreError, score
+from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.score.swim import start_of_swim
 from support.bags import GAIT, SECOND, START, STATE, STEP, VELOCITY, gait, quality, state
 

@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings, strategies
 
 from fin_optimizer.commands import export, score_bag, show_study
 from fin_optimizer.search.space import Dimension, Space
-from fin_optimizer.study.folder import JOURNAL_FILE, SETTINGS_FILE, read_settings
+from fin_optimizer.study.file_names import JOURNAL_FILE, SETTINGS_FILE
+from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.journal import END_FILE, StudyError
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.records import read_trials

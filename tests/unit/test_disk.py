@@ -14,7 +14,7 @@ from fin_optimizer.bags.repair import repair_bag
 from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Space
-from fin_optimizer.study.folder import JOURNAL_FILE
+from fin_optimizer.study.file_names import JOURNAL_FILE
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.records import read_trials

@@ -15,8 +15,9 @@ from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.bags.repair import repair_bag
 from fin_optimizer.commands import repair_bags
-from fin_optimizer.commands.score_bag import main, score_bag
+from fin_optimizer.commands.score_bag import main
 from fin_optimizer.score.mean_speed import Measurement, ScoreError
+from fin_optimizer.score.recorded import score_bag
 from support.bags import SECOND, START, STATE, VELOCITY, state, velocity, write_swim
 from support.foreign_bags import RECORDED_QOS, WRITERS, one_by_one, plain_mcap, split
 

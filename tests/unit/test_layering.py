@@ -10,7 +10,7 @@ from graphlib import TopologicalSorter
 
 import pytest
 
-from support.source_tree import PACKAGES, SOURCE, imported_at_start, imported_packages, modules
+from support.source_tree import PACKAGES, SOURCE, imported, imported_at_start, imported_packages, modules
 
 # The thin ROS face of each package. Whoever adds a module here moves it out of the core.
 ROS_MODULES = {
@@ -150,6 +150,15 @@ def test_an_edge_between_packages_stands_in_package_xml(package: str) -> None:
     used = {other for path in modules(package).values() for other in imported_packages(path) & set(PACKAGES)}
     for other in used - {package}:
         assert f"<exec_depend>{other}</exec_depend>" in manifest
+
+
+def test_no_core_imports_a_command() -> None:
+    commands = "fin_optimizer.commands"
+    cores = {name: path for name, path in ALL_MODULES.items() if not f"{name}.".startswith(f"{commands}.")}
+    arrows = {name: imported(path) | imported_at_start(path) for name, path in cores.items()}
+    assert [
+        name for name, names in arrows.items() if any(f"{each}.".startswith(f"{commands}.") for each in names)
+    ] == []
 
 
 def test_no_circle_of_imports() -> None:

@@ -20,8 +20,8 @@ from fin_optimizer.bags.reader import is_closed, read_bag
 from fin_optimizer.bags.repair import repair_bag, repair_bags
 from fin_optimizer.bags.writer import BagTopic, BagWriter
 from fin_optimizer.commands.repair_bags import main
-from fin_optimizer.commands.score_bag import score_bag
 from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.score.recorded import score_bag
 from support.bags import START, STATE, STEP, VELOCITY, state, velocity, write_swim
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from fin_optimizer import progress, words
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study import drawing, report
 from fin_optimizer.study.candidate import Candidate, TrialRecord, candidates
-from fin_optimizer.study.folder import FIGURE_FILE
+from fin_optimizer.study.file_names import FIGURE_FILE
 from fin_optimizer.study.settings import Settings
 from fin_optimizer.study.simulated_curve import speed_over_range
 from fin_optimizer.trial.result import Outcome

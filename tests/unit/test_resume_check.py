@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_optimizer.commands.score_bag import score_bag
+from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.records import read_trials

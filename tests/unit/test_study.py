@@ -17,7 +17,8 @@ from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study.candidate import Candidate, is_for_another
 from fin_optimizer.study.checked_journal import CheckedJournal
-from fin_optimizer.study.folder import JOURNAL_FILE, SETTINGS_FILE, read_settings
+from fin_optimizer.study.file_names import JOURNAL_FILE, SETTINGS_FILE
+from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.journal import END_FILE, StudyError
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.settings import Policy, Settings

@@ -24,6 +24,7 @@ from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.commands import export, score_bag, show_study
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
+from fin_optimizer.score import recorded
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.score.swim import SwimRecord, score_swim
 from fin_optimizer.search.cma_es import CmaEs
@@ -312,7 +313,7 @@ def resumed(tmp_path: Path) -> Path:
             assert following is not None
             record = begun.start(begun.propose(*following, "/fish").number)
             bag = write_swim(tmp_path / "resumed" / record.bag)
-            scored = score_bag.score_bag(bag)[0]
+            scored = recorded.score_bag(bag)[0]
             ok = Result(Outcome.OK, score=scored.value, spread=scored.spread, samples=scored.samples)
             begun.finish(record.number, stopped if interrupted else ok)
             if interrupted:

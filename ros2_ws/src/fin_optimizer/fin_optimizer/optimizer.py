@@ -23,7 +23,7 @@ from fin_optimizer.plan import StudyPlan
 from fin_optimizer.progress import display, show_best
 from fin_optimizer.study import report
 from fin_optimizer.study.candidate import front, is_for_another
-from fin_optimizer.study.folder import FIGURE_FILE, FRONT_FILE
+from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.pictures import draw_study
 from fin_optimizer.study.provenance import provenance

@@ -12,7 +12,7 @@ from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
 from fin_optimizer.search.space import Dimension, Space
-from fin_optimizer.study.folder import SETTINGS_FILE
+from fin_optimizer.study.file_names import SETTINGS_FILE
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.settings import Objective, Policy, Settings
 from fin_optimizer.trial.phases import Timeouts

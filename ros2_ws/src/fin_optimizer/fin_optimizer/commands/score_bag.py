@@ -8,23 +8,18 @@ import io
 import json
 import math
 import sys
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.files import bags_in
 from fin_optimizer.bags.integrity import UNGUARDED
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
-from fin_optimizer.score.joints import JOINT_STATE_TYPE
-from fin_optimizer.score.mean_speed import (
-    Measurement,
-    MissingMeasurementError,
-    Score,
-    ScoreError,
-)
-from fin_optimizer.score.swim import SwimRecord, score_swim, start_of_swim
+from fin_optimizer.score.mean_speed import Measurement, MissingMeasurementError, ScoreError
+from fin_optimizer.score.recorded import achieved
+from fin_optimizer.study.file_names import JOURNAL_FILE, SETTINGS_FILE
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.words import ENERGY_PER_METRE, SPEED, SPREAD, trial_name, with_unit
+from fin_optimizer.study.resume_check import difference
+from fin_optimizer.words import SPEED, SPREAD, trial_name, with_unit
 from fin_plant import checks
 from fin_plant.fin import FIN_PARAMETERS
 from fin_plant.output import end_when_output_closes
@@ -39,64 +34,6 @@ if TYPE_CHECKING:
 
     _Scored = tuple[Path, Mapping[str, float], Mapping[str, str]]
     """A bag, what its trial achieved by name and unit, and its metadata."""
-
-_JOURNAL_FILE = "journal.log"  # as fin_optimizer.study.folder names it, which needs Optuna
-_SETTINGS_FILE = "study.json"  # likewise
-_OBJECTIVE_KEY, _OBJECTIVE_WITH_COST = "study.objective", "speed_and_cost_of_transport"  # likewise
-_STATE_TYPE = "diagnostic_msgs/msg/DiagnosticStatus"
-
-
-def swimming_since(bag: Bag) -> int:
-    """Return the plant's time in ns at which the gait of a recorded trial started.
-
-    Raises:
-        BagError: The bag has no ``plant_state``, or is damaged.
-        ScoreError: As `start_of_swim` says.
-    """
-    states = bag.decoded("plant_state", _STATE_TYPE)
-    return start_of_swim((message for _, message in states), bag.metadata)
-
-
-def score_bag(path: Path, measured: Mapping[str, str] = MappingProxyType({})) -> tuple[Score, Bag]:
-    """Return the score of a recorded trial, and its bag.
-
-    Args:
-        path: The bag.
-        measured: Entries of `Measurement.metadata` for a bag whose own metadata lack them: one of another program.
-
-    Raises:
-        BagError: There is no bag, it lacks a topic, or it is damaged.
-        ScoreError: Its samples give no score.
-    """
-    bag = read_bag(path)
-    return score_swim(recorded_swim(bag, measured, with_cost=False), with_cost=False)[0], bag
-
-
-def energy_per_metre(bag: Bag) -> float | None:
-    """Return the energy per metre of a recorded trial in J/m, None without headway.
-
-    Raises:
-        BagError: It lacks a topic, or is damaged.
-        ScoreError: Its samples give no score, or no power.
-    """
-    return score_swim(recorded_swim(bag, {}, with_cost=True), with_cost=True)[1]
-
-
-def recorded_swim(bag: Bag, measured: Mapping[str, str], *, with_cost: bool) -> SwimRecord:
-    """Return what a bag holds of its swim.
-
-    Args:
-        bag: Of a trial, or of another program's swim.
-        measured: Which part of the swim counts, if its metadata do not say so.
-        with_cost: Whether it must have joint states.
-
-    Raises:
-        BagError: It lacks a topic, or is damaged.
-    """
-    states = [message for _, message in bag.decoded("plant_state", _STATE_TYPE)]
-    told = any(topic.endswith("/joint_states") and kind == JOINT_STATE_TYPE for topic, kind in bag.topics.items())
-    joints = bag.typed("joint_states", JOINT_STATE_TYPE) if with_cost or told else None
-    return SwimRecord(bag.velocity(), states, joints, {**measured, **bag.metadata})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -124,13 +61,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
             failed = _tell(refused)
         for path, trial in wanted:
             try:
-                numbers, bag = numbers_of(path, trial, measured)
+                bag = _read(path, trial)
+                numbers = achieved(bag, measured)
             except MissingMeasurementError as error:
                 failed = _tell(f"{path}: {error}; --settle and --duration say it")
                 continue
             except (BagError, ScoreError) as error:
                 failed = _tell(f"{path}: {error}")
                 continue
+            _tell_unclosed(path, bag)
             rows.append((path, numbers, bag.metadata))
             if not as_table:
                 heads = _print_line(path, numbers, heads)
@@ -228,6 +167,20 @@ def _measured(settle: float | None, duration: float | None, parser: argparse.Arg
         parser.error(str(error))
 
 
+def _read(path: Path, trial: TrialRecord | None) -> Bag:
+    """Return a bag, which an OK trial must have."""
+    if trial is not None and not path.exists():
+        msg = f"{trial_name(trial.number)} is OK, but its bag is missing"
+        raise BagError(msg)
+    return read_bag(path)
+
+
+def _tell_unclosed(path: Path, bag: Bag) -> None:
+    if not bag.complete:
+        count = sum(bag.counts.values())
+        sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")
+
+
 def _tell_unguarded(bags: Sequence[bool]) -> None:
     """Note how many of the bags, each of which is one or not, have no check sums."""
     if count := sum(bags):
@@ -264,7 +217,7 @@ def _wanted(path: Path) -> tuple[list[tuple[Path, TrialRecord | None]], str]:
 
 def _trials(path: Path) -> tuple[dict[Path, TrialRecord], str]:
     """Return the trials of a study by their bags, and why its journal cannot be read; nothing if it is no study."""
-    if not (path / _JOURNAL_FILE).exists() and not (path / _SETTINGS_FILE).exists():
+    if not (path / JOURNAL_FILE).exists() and not (path / SETTINGS_FILE).exists():
         return {}, ""
     # Optuna takes a third of a second, which only a study's scores spend.
     from fin_optimizer.study.records import read_trials  # noqa: PLC0415
@@ -273,45 +226,6 @@ def _trials(path: Path) -> tuple[dict[Path, TrialRecord], str]:
         return {path / trial.bag: trial for trial in read_trials(path)}, ""
     except (StudyError, OSError) as error:
         return {}, f"{error}: every bag of {path} is scored"
-
-
-def numbers_of(
-    path: Path, trial: TrialRecord | None, measured: Mapping[str, str] = MappingProxyType({})
-) -> tuple[dict[str, float], Bag]:
-    """Return what a bag's trial achieved, by name and unit, and the bag.
-
-    Args:
-        path: The bag.
-        trial: Its OK trial, if it is known.
-        measured: Which part of the swim counts, if its metadata do not say so.
-
-    Raises:
-        BagError: There is no bag, it lacks a topic, or it is damaged.
-        ScoreError: Its samples give no score.
-    """
-    if trial is not None and not path.exists():
-        msg = f"{trial_name(trial.number)} is OK, but its bag is missing"
-        raise BagError(msg)
-    bag = read_bag(path)
-    with_cost = bag.metadata.get(_OBJECTIVE_KEY) == _OBJECTIVE_WITH_COST
-    result, cost = score_swim(recorded_swim(bag, measured, with_cost=with_cost), with_cost=with_cost)
-    if not bag.complete:
-        count = sum(bag.counts.values())
-        sys.stderr.write(f"note: {path} was not closed; scored from the {count} messages that it holds\n")
-    numbers = {SPEED: result.value, SPREAD: result.spread}
-    if with_cost:
-        numbers[ENERGY_PER_METRE] = math.nan if cost is None else cost
-    return numbers, bag
-
-
-def difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
-    """Return which of a bag's numbers is not the one that its study has, or an empty text."""
-    known = {SPEED: trial.score, SPREAD: trial.spread, ENERGY_PER_METRE: trial.cost}
-    differs = [name for name, value in numbers.items() if known[name] is not None and known[name] != value]
-    said = ", ".join(
-        f"{name} is {numbers[name]!r} from the bag and {known[name]!r} in {_JOURNAL_FILE}" for name in differs
-    )
-    return said and f"{said}: one of them was changed, or another version scored it"
 
 
 if __name__ == "__main__":

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.progress import show_best
 from fin_optimizer.study.candidate import candidates, fastest, front
-from fin_optimizer.study.folder import FIGURE_FILE, SETTINGS_FILE, read_settings
+from fin_optimizer.study.file_names import FIGURE_FILE, SETTINGS_FILE
+from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.records import read_ledger
 from fin_optimizer.study.report import varied
 from fin_optimizer.study.settings import Objective

@@ -1,6 +1,7 @@
 """A study: what was tried, what came of it, and what people are shown of it.
 
 settings         what decides candidates and scores, and the text of `study.json`
+file_names       what the files of its folder are called
 folder           begins and locks a study's folder, whole or not at all
 journal          the journal's lines, whole or not at all
 checked_journal  the same with check sums, as Optuna reads it

@@ -14,6 +14,7 @@ import uuid
 from typing import TYPE_CHECKING, TextIO
 
 from fin_optimizer.checksums import check_sum
+from fin_optimizer.study.file_names import BAG_FOLDER, SETTINGS_FILE
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.settings import Settings
 from fin_optimizer.words import show_values, trial_name
@@ -21,13 +22,6 @@ from fin_optimizer.words import show_values, trial_name
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
-
-SETTINGS_FILE = "study.json"
-
-JOURNAL_FILE = "journal.log"
-BAG_FOLDER = "bags"
-FIGURE_FILE = "speed_over_modulus.png"
-FRONT_FILE = "pareto_front.png"
 
 _PARTIAL = ".partial"
 

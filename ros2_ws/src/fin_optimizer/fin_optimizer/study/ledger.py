@@ -20,16 +20,8 @@ from typing import TYPE_CHECKING, Self, TextIO
 import optuna
 
 from fin_optimizer.study.candidate import Candidate, TrialRecord, fastest, rank
-from fin_optimizer.study.folder import (
-    BAG_FOLDER,
-    JOURNAL_FILE,
-    SETTINGS_FILE,
-    bag_name,
-    begun,
-    locked,
-    put_on_disk,
-    read_settings,
-)
+from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE, SETTINGS_FILE
+from fin_optimizer.study.folder import bag_name, begun, locked, put_on_disk, read_settings
 from fin_optimizer.study.journal import STUDY_NAME, StudyError, remove_stale_lock, take_off_cut_line, whole_entries
 from fin_optimizer.study.records import FISH, STATE_OF, fish_in, read_checked, record_of
 from fin_optimizer.study.settings import Objective, Settings, differing

@@ -9,7 +9,7 @@ from fin_optimizer.parameters import SIMULATOR
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.study import drawing
 from fin_optimizer.study.candidate import candidates, fastest, front
-from fin_optimizer.study.folder import FIGURE_FILE, FRONT_FILE
+from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
 from fin_optimizer.study.settings import Objective
 from fin_optimizer.study.simulated_curve import simulated_speed, speed_over_range
 from fin_plant.figures import try_to_draw

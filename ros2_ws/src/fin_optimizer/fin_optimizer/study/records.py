@@ -17,7 +17,8 @@ import optuna
 
 from fin_optimizer.study.candidate import TrialRecord
 from fin_optimizer.study.checked_journal import WRONG_CONTENT, storage_of
-from fin_optimizer.study.folder import JOURNAL_FILE, bags_in, read_settings, settings_and_sum
+from fin_optimizer.study.file_names import JOURNAL_FILE
+from fin_optimizer.study.folder import bags_in, read_settings, settings_and_sum
 from fin_optimizer.study.journal import STUDY_NAME, JournalLines, StudyError
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import trial_name

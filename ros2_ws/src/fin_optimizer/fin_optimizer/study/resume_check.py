@@ -10,12 +10,14 @@ import time
 from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.messages import BagError
-from fin_optimizer.commands.score_bag import difference, numbers_of
+from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.score.mean_speed import ScoreError
-from fin_optimizer.words import trial_name
+from fin_optimizer.score.recorded import achieved
+from fin_optimizer.study.file_names import JOURNAL_FILE
+from fin_optimizer.words import ENERGY_PER_METRE, SPEED, SPREAD, trial_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from fin_optimizer.study.candidate import TrialRecord
@@ -63,10 +65,20 @@ def check_scores(
 
 def _contradiction(bag: Path, trial: TrialRecord) -> str:
     try:
-        numbers, _ = numbers_of(bag, trial)
+        numbers = achieved(read_bag(bag))
     except (BagError, ScoreError) as error:
         return str(error)
     return difference(numbers, trial)
+
+
+def difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
+    """Return which of a bag's numbers is not the one that its study has, or an empty text."""
+    known = {SPEED: trial.score, SPREAD: trial.spread, ENERGY_PER_METRE: trial.cost}
+    differs = [name for name, value in numbers.items() if known[name] is not None and known[name] != value]
+    said = ", ".join(
+        f"{name} is {numbers[name]!r} from the bag and {known[name]!r} in {JOURNAL_FILE}" for name in differs
+    )
+    return said and f"{said}: one of them was changed, or another version scored it"
 
 
 def _is_changed(folder: Path, trial: TrialRecord) -> bool:

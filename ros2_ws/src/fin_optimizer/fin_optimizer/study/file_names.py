@@ -1,0 +1,7 @@
+"""What the files of a study's folder are called; nothing is imported here, so whoever needs a name pays for nothing."""
+
+SETTINGS_FILE = "study.json"
+JOURNAL_FILE = "journal.log"
+BAG_FOLDER = "bags"
+FIGURE_FILE = "speed_over_modulus.png"
+FRONT_FILE = "pareto_front.png"
