@@ -13,7 +13,7 @@ from std_msgs.msg import Float64MultiArray
 
 from fin_plant.gait import PAPER_GAIT
 from fin_plant.node_process import END_BY_SIGNAL_IS_SUCCESS
-from support.plant_client import PlantClient
+from support.plant_tester import PlantTester
 from support.processes import executable_path
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def test_a_node_that_launch_interrupts_has_ended_well(ros_domain: int) -> None:
     environment = os.environ | {END_BY_SIGNAL_IS_SUCCESS: "1"}
     node = subprocess.Popen([executable_path("fin_sim", "simulator")], env=environment)
     try:
-        with PlantClient(ros_domain) as client:
+        with PlantTester(ros_domain) as client:
             client.swim(PAPER_GAIT, 0.2)
         node.send_signal(signal.SIGINT)
         assert node.wait(15) == 0
@@ -91,7 +91,7 @@ def test_a_node_goes_on_and_logs_to_its_file_where_nobody_reads_its_errors(ros_d
     node = subprocess.Popen([executable_path("fin_sim", "simulator")], stdout=writer, stderr=writer, env=environment)
     os.close(writer)
     try:
-        with PlantClient(ros_domain) as client:
+        with PlantTester(ros_domain) as client:
             client.publish_gait(Float64MultiArray(data=[1.0]))
             client.wait_until(lambda: "gait refused" in "".join(log.read_text() for log in tmp_path.iterdir()), "a log")
             client.swim(PAPER_GAIT, 0.2)

@@ -21,14 +21,14 @@ from std_srvs.srv import Trigger
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.study.records import read_ledger, read_trials
-from fin_optimizer.trial.plant_client import PlantClient as OptimizersClient
+from fin_optimizer.trial.plant_client import PlantClient
 from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
 from fin_plant.fin import FIN_PARAMETERS, node_table
 from fin_plant.gait import PAPER_GAIT, Gait
 from fin_plant.messages import plant_state_message
 from fin_plant.plant_state import PlantState, State
-from support.plant_client import PlantClient
+from support.plant_tester import PlantTester
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -112,9 +112,9 @@ class StubPlant:
 
 
 @pytest.fixture
-def client(ros_domain: int) -> Iterator[PlantClient]:
-    with PlantClient(ros_domain) as plant_client:
-        yield plant_client
+def client(ros_domain: int) -> Iterator[PlantTester]:
+    with PlantTester(ros_domain) as tester:
+        yield tester
 
 
 @pytest.mark.parametrize("says", [(State.READY,), (State.FAULT,), ()], ids=["rest", "fault", "nothing more"])
@@ -126,7 +126,7 @@ def test_who_leaves_a_swimming_plant_waits_until_it_is_at_rest_or_gone(ros_domai
     )
     plant.create_subscription(topics.GAIT.type, topics.GAIT.name, heard.append, topics.GAIT.qos)
     states = plant.create_publisher(topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos)
-    subject = OptimizersClient(optimizer, topics.NAMESPACE)
+    subject = PlantClient(optimizer, topics.NAMESPACE)
 
     def publishers() -> frozenset[str]:
         subject.look(time.monotonic())
@@ -234,7 +234,7 @@ def test_a_signal_in_the_middle_leaves_every_bag_readable_and_the_journal_comple
     assert f"go on with study_folder:={os.path.relpath(folder, study.log.parents[1] / 'work')}" in study.output()
 
 
-def test_an_optimiser_that_is_stopped_switches_the_gait_off(start: Start, folder: Path, client: PlantClient) -> None:
+def test_an_optimiser_that_is_stopped_switches_the_gait_off(start: Start, folder: Path, client: PlantTester) -> None:
     start_node(start, "fin_sim", "simulator")
     optimizer = start_optimizer(start, folder, "trials:=2")
     client.wait_for_state(State.SWIMMING)
@@ -319,7 +319,7 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_fins(
 
 
 @pytest.mark.long
-def test_a_study_is_not_gone_on_with_by_another_fish(start: Start, folder: Path, client: PlantClient) -> None:
+def test_a_study_is_not_gone_on_with_by_another_fish(start: Start, folder: Path, client: PlantTester) -> None:
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
     assert start_optimizer(start, folder, "trials:=1", *SHORT).wait(60) == 0
     area = client.get_parameter("body.drag_area")
@@ -354,7 +354,7 @@ def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, 
     ],
 )
 def test_a_driver_that_ends_while_somebody_mounts_a_fin_fails_the_trial(
-    start: Start, folder: Path, client: PlantClient, comes_back: bool, reason: str
+    start: Start, folder: Path, client: PlantTester, comes_back: bool, reason: str
 ) -> None:
     driver = start_node(start, "fin_servo_driver", "servo_driver")
     patience = "timeout.find:=60.0" if comes_back else "timeout.find:=2.0"
@@ -372,7 +372,7 @@ def test_a_driver_that_ends_while_somebody_mounts_a_fin_fails_the_trial(
     [("body.drag_area", "plant_state says SWIMMING anew"), ("fin.density", "the fin mounted has fin.density = ")],
 )
 def test_a_fish_that_is_changed_during_its_swim_fails_the_trial(
-    start: Start, folder: Path, client: PlantClient, name: str, reason: str
+    start: Start, folder: Path, client: PlantTester, name: str, reason: str
 ) -> None:
     start_node(start, "fin_sim", "simulator")
     optimizer = start_optimizer(start, folder, "failures_in_a_row:=1")

@@ -11,7 +11,7 @@ from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 
 from fin_plant import topics
-from support.plant_client import PlantClient
+from support.plant_tester import PlantTester
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +27,7 @@ NODES = {
 }
 
 
-class ParameterClient(PlantClient):
+class ParameterClient(PlantTester):
     """What the verbs of `ros2 param` do, through the same services."""
 
     def dump(self, file: Path) -> dict[str, Any]:

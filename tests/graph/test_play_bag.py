@@ -95,22 +95,24 @@ def swim(tmp_path: Path) -> Path:
 def test_a_played_bag_gives_a_listener_every_message_and_the_same_score(
     start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
 ) -> None:
-    ear = listener("/replay")
+    listening = listener("/replay")
     remaps = [w for n in ("velocity", "plant_state") for w in ("-r", f"/fish/{n}:=/replay/{n}")]
     player = start("fin_optimizer", "play_bag", str(swim), "--paused", "--rate", "0", "--ros-args", *remaps)
-    ear.wait(lambda: not ear.recorder.unmatched([topics.VELOCITY, topics.PLANT_STATE]), "the player's topics")
-    assert ear.recorder.unmatched([topics.GAIT]) == ["gait"]
-    ear.recorder.open(tmp_path / "again", read_bag(swim).metadata)
-    assert ear.call("pause").message == "it is paused already"
-    assert ear.call("resume").message == "playing from 0.000 s"
-    ear.wait(lambda: not player.running, "the end of the bag")
+    listening.wait(
+        lambda: not listening.recorder.unmatched([topics.VELOCITY, topics.PLANT_STATE]), "the player's topics"
+    )
+    assert listening.recorder.unmatched([topics.GAIT]) == ["gait"]
+    listening.recorder.open(tmp_path / "again", read_bag(swim).metadata)
+    assert listening.call("pause").message == "it is paused already"
+    assert listening.call("resume").message == "playing from 0.000 s"
+    listening.wait(lambda: not player.running, "the end of the bag")
     assert player.wait() == 0
     assert "left out: /fish/gait; --topics plays what it names" in player.output()
-    ear.recorder.close()
+    listening.recorder.close()
     live, recorded = score_bag(swim)
     begun = start_of_swim(recorded_swim(recorded, {}, with_cost=False).states, recorded.metadata)
     window = Measurement.from_metadata(recorded.metadata).window(begun)
-    assert score(*ear.recorder.velocity_samples(), window) == live
+    assert score(*listening.recorder.velocity_samples(), window) == live
     assert score_bag(tmp_path / "again")[0] == live
     sent = [(stamp, data) for _, stamp, data in recorded.messages("velocity")]
     assert [(s, d) for _, s, d in read_bag(tmp_path / "again").messages("velocity")] == sent
@@ -120,12 +122,12 @@ def test_a_played_bag_gives_a_listener_every_message_and_the_same_score(
 def test_a_listener_that_was_there_before_hears_every_message_and_the_same_score(
     start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener], rate: str
 ) -> None:
-    ear = listener("/fish")
-    ear.recorder.open(tmp_path / "again", read_bag(swim).metadata)
+    listening = listener("/fish")
+    listening.recorder.open(tmp_path / "again", read_bag(swim).metadata)
     player = start("fin_optimizer", "play_bag", str(swim), "--rate", rate)
-    ear.wait(lambda: not player.running, "the end of the bag")
+    listening.wait(lambda: not player.running, "the end of the bag")
     assert player.wait() == 0
-    ear.recorder.close()
+    listening.recorder.close()
     live, recorded = score_bag(swim)
     again, bag = score_bag(tmp_path / "again")
     assert again == live
@@ -148,8 +150,8 @@ def test_a_listener_that_asks_for_more_than_was_offered_is_named(
 def test_a_topic_that_somebody_publishes_already_is_played_only_elsewhere_or_by_name(
     start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
 ) -> None:
-    ear = listener("/fish")
-    ear.node.create_publisher(topics.PLANT_STATE.type, "/fish/plant_state", topics.PLANT_STATE.qos)
+    listening = listener("/fish")
+    listening.node.create_publisher(topics.PLANT_STATE.type, "/fish/plant_state", topics.PLANT_STATE.qos)
     player = start("fin_optimizer", "play_bag", str(swim), "--rate", "0", "--paused")
     assert player.wait() == 2
     assert "error: /fish/plant_state: published already by /listener." in player.output()
@@ -160,41 +162,41 @@ def test_a_topic_that_somebody_publishes_already_is_played_only_elsewhere_or_by_
         ("--topics", "plant_state", "velocity"),
     ):
         player = start("fin_optimizer", "play_bag", str(swim), "--rate", "0", *words)
-        ear.wait(lambda: not player.running, "the end of the bag")  # noqa: B023
+        listening.wait(lambda: not player.running, "the end of the bag")  # noqa: B023
         assert player.wait() == 0
 
 
 def test_the_gait_is_played_only_by_name_from_where_it_is_asked_and_again_and_again(
     start: Start, swim: Path, tmp_path: Path, listener: Callable[[str], Listener]
 ) -> None:
-    ear = listener("/fish")
-    ear.recorder.open(tmp_path / "gaits", {})
+    listening = listener("/fish")
+    listening.recorder.open(tmp_path / "gaits", {})
     words = ("--topics", "gait", "plant_state", "--rate", "20", "--loop")
     player = start("fin_optimizer", "play_bag", str(swim), *words)
-    ear.wait(lambda: ear.recorder.received(topics.GAIT) >= 3, "the gait a third time")
-    assert ear.recorder.received(topics.VELOCITY) == 0
+    listening.wait(lambda: listening.recorder.received(topics.GAIT) >= 3, "the gait a third time")
+    assert listening.recorder.received(topics.VELOCITY) == 0
     assert player.interrupt() == 130
-    ear.recorder.close()
+    listening.recorder.close()
     assert {data for _, _, data in read_bag(tmp_path / "gaits").messages("gait")} == {gait()}
 
 
 def test_a_bag_is_played_at_its_own_pace_with_a_clock_from_the_middle(
     start: Start, swim: Path, ros_domain: int, listener: Callable[[str], Listener]
 ) -> None:
-    ear = listener("/fish")
+    listening = listener("/fish")
     clocks: list[int] = []
 
     def note(message: Any) -> None:
         clocks.append(message.clock.sec * 10**9 + message.clock.nanosec)
 
-    ear.node.create_subscription(topics.CLOCK.type, "/clock", note, topics.CLOCK.qos)
+    listening.node.create_subscription(topics.CLOCK.type, "/clock", note, topics.CLOCK.qos)
     player = start("fin_optimizer", "play_bag", str(swim), "--start", "0.5", "--rate", "0.5", "--paused")
-    ear.wait(lambda: not ear.recorder.unmatched([topics.VELOCITY]), "the player's topics")
-    assert ear.call("resume").success
-    ear.wait(lambda: not player.running, "the end of the bag")
-    stamps = ear.recorder.newest_stamp(topics.VELOCITY)
+    listening.wait(lambda: not listening.recorder.unmatched([topics.VELOCITY]), "the player's topics")
+    assert listening.call("resume").success
+    listening.wait(lambda: not player.running, "the end of the bag")
+    stamps = listening.recorder.newest_stamp(topics.VELOCITY)
     assert stamps == START + round(SWIM * 10**9)
-    assert ear.recorder.received(topics.VELOCITY) == 51
+    assert listening.recorder.received(topics.VELOCITY) == 51
     assert clocks == sorted(clocks)
     assert clocks[0] >= START + 0.5e9
 
@@ -254,12 +256,12 @@ def test_what_a_listener_cannot_understand_is_not_played_and_the_rest_is(
     ]
     latched = yaml.safe_dump([{**RECORDED_QOS, "durability": "transient_local"}])
     plain_mcap(tmp_path / "foreign.mcap", types, messages, qos=latched)
-    ear = listener("/fish")
-    ear.recorder.open(tmp_path / "again", own.metadata)
+    listening = listener("/fish")
+    listening.recorder.open(tmp_path / "again", own.metadata)
     player = start("fin_optimizer", "play_bag", str(tmp_path / "foreign.mcap"), "--rate", "0")
-    ear.wait(lambda: not player.running, "the end of the bag")
+    listening.wait(lambda: not player.running, "the end of the bag")
     assert player.wait() == 0
-    ear.recorder.close()
+    listening.recorder.close()
     assert score_bag(tmp_path / "again")[0] == score_bag(swim)[0]
     assert "left out: /camera: its type mocap4r2_msgs/msg/Markers is not installed here" in player.output()
     assert "left out: /fish/pose: a message of 11 bytes is no geometry_msgs/msg/PoseStamped" in player.output()

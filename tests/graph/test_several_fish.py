@@ -19,7 +19,7 @@ from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import ENERGY_PER_METRE
 from fin_plant.messages import gait_message
 from fin_plant.plant_state import State
-from support.plant_client import PlantClient
+from support.plant_tester import PlantTester
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def test_a_fish_in_fault_is_left_out_and_takes_part_again_after_its_reset(
     for fish in FISH:
         start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={fish}", *parameters(*FRAIL))
     study = start("fin_optimizer", "optimizer", "--ros-args", *parameters(*words))
-    with PlantClient(ros_domain, namespace=FISH[1]) as somebody_else:
+    with PlantTester(ros_domain, namespace=FISH[1]) as somebody_else:
         somebody_else.wait_for_state(State.SWIMMING)
         somebody_else.publish_gait(WILD_GAIT, repeat=True)
         somebody_else.wait_for_state(State.FAULT)

@@ -14,7 +14,7 @@ from fin_plant import topics
 from fin_plant.gait import PAPER_GAIT
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
 from fin_plant.plant_state import EMERGENCY, State
-from support.plant_client import PlantClient
+from support.plant_tester import PlantTester
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -26,9 +26,9 @@ STREAMS = (topics.JOINT_STATES, topics.POSE, topics.VELOCITY, topics.THRUST)
 
 
 @pytest.fixture
-def client(ros_domain: int) -> Iterator[PlantClient]:
-    with PlantClient(ros_domain) as plant_client:
-        yield plant_client
+def client(ros_domain: int) -> Iterator[PlantTester]:
+    with PlantTester(ros_domain) as tester:
+        yield tester
 
 
 def start_simulator(start: Callable[..., Any], *parameters: str) -> Any:
@@ -36,7 +36,7 @@ def start_simulator(start: Callable[..., Any], *parameters: str) -> Any:
     return start("fin_sim", "simulator", *(["--ros-args", *arguments] if arguments else []))
 
 
-def test_a_swim_faster_than_real_time_loses_no_message(start: Callable[..., Any], client: PlantClient) -> None:
+def test_a_swim_faster_than_real_time_loses_no_message(start: Callable[..., Any], client: PlantTester) -> None:
     start_simulator(start, "speed:=0.0")
     client.wait_for_state(State.READY)
     since = client.swim(PAPER_GAIT, seconds=10.0)
@@ -48,7 +48,7 @@ def test_a_swim_faster_than_real_time_loses_no_message(start: Callable[..., Any]
         assert np.allclose(np.diff(inside), 1e7), topic.name
 
 
-def test_what_the_topics_say_is_consistent_and_in_si_units(start: Callable[..., Any], client: PlantClient) -> None:
+def test_what_the_topics_say_is_consistent_and_in_si_units(start: Callable[..., Any], client: PlantTester) -> None:
     start_simulator(start, "speed:=0.0")
     client.wait_for_state(State.READY)
     since = client.swim(PAPER_GAIT, seconds=10.0)
@@ -71,7 +71,7 @@ def test_what_the_topics_say_is_consistent_and_in_si_units(start: Callable[..., 
     assert largest == pytest.approx(math.radians(15.0), rel=1e-3)
 
 
-def test_a_swim_repeats_bit_for_bit_after_a_reset(start: Callable[..., Any], client: PlantClient) -> None:
+def test_a_swim_repeats_bit_for_bit_after_a_reset(start: Callable[..., Any], client: PlantTester) -> None:
     start_simulator(start, "speed:=0.0")
     client.wait_for_state(State.READY)
     runs = []
@@ -84,7 +84,7 @@ def test_a_swim_repeats_bit_for_bit_after_a_reset(start: Callable[..., Any], cli
     assert runs[0] == runs[1]
 
 
-def test_in_real_time_the_stamps_follow_the_wall_clock(start: Callable[..., Any], client: PlantClient) -> None:
+def test_in_real_time_the_stamps_follow_the_wall_clock(start: Callable[..., Any], client: PlantTester) -> None:
     start_simulator(start)
     client.wait_for_state(State.READY)
     late = math.inf
@@ -111,7 +111,7 @@ def test_in_real_time_the_stamps_follow_the_wall_clock(start: Callable[..., Any]
     ],
 )
 def test_a_bad_parameter_is_refused_with_its_name_value_and_range_and_nothing_changes(
-    start: Callable[..., Any], client: PlantClient, change: dict[str, Any], words: tuple[str, ...]
+    start: Callable[..., Any], client: PlantTester, change: dict[str, Any], words: tuple[str, ...]
 ) -> None:
     start_simulator(start)
     before = client.wait_for_state(State.READY)
@@ -123,7 +123,7 @@ def test_a_bad_parameter_is_refused_with_its_name_value_and_range_and_nothing_ch
     assert client.state() == before
 
 
-def test_a_modulus_is_taken_as_people_type_it(start: Callable[..., Any], client: PlantClient) -> None:
+def test_a_modulus_is_taken_as_people_type_it(start: Callable[..., Any], client: PlantTester) -> None:
     start_simulator(start)
     client.wait_for_state(State.READY)
     for typed in (2_000_000_000, "2.1e9"):  # what `ros2 param set` makes of 2000000000 and of 2.1e9
@@ -136,12 +136,12 @@ def test_a_modulus_is_taken_as_people_type_it(start: Callable[..., Any], client:
     assert "fin.young_modulus must be a number, got 'stiff'" in refused.reason
 
 
-def reached(client: PlantClient, topic: topics.Topic[Any], count: int) -> bool:
+def reached(client: PlantTester, topic: topics.Topic[Any], count: int) -> bool:
     return len(client.received(topic)) >= count
 
 
 def test_a_swim_begins_anew_with_another_fish_but_not_with_another_pace(
-    start: Callable[..., Any], client: PlantClient
+    start: Callable[..., Any], client: PlantTester
 ) -> None:
     start_simulator(start)
     client.wait_for_state(State.READY)
@@ -157,7 +157,7 @@ def test_a_swim_begins_anew_with_another_fish_but_not_with_another_pace(
         assert (state.stamp == begin) is same
 
 
-def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: PlantClient) -> None:
+def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: PlantTester) -> None:
     start_simulator(start)
     before = client.wait_for_state(State.READY)
     assert client.set_parameters({"fin.young_modulus": 2.5e9, "fin.segments": 5}).successful
@@ -173,7 +173,7 @@ def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: Pla
 
 
 def test_a_peduncle_is_set_list_by_list_while_the_fish_swims_on_without_it(
-    start: Callable[..., Any], client: PlantClient
+    start: Callable[..., Any], client: PlantTester
 ) -> None:
     start_simulator(start)
     client.wait_for_state(State.READY)
@@ -209,7 +209,7 @@ def test_an_argument_that_is_none_starts_no_node(start: Callable[..., Any]) -> N
 
 
 def test_a_gait_that_is_refused_moves_nothing_and_does_not_feed_the_watchdog(
-    start: Callable[..., Any], client: PlantClient
+    start: Callable[..., Any], client: PlantTester
 ) -> None:
     start_simulator(start)
     client.wait_for_state(State.READY)
@@ -223,7 +223,7 @@ def test_a_gait_that_is_refused_moves_nothing_and_does_not_feed_the_watchdog(
     assert "gait amplitude = nan" in str(client.diagnostic("last_refusal"))
 
 
-def test_without_a_fresh_gait_the_tail_returns_to_neutral(start: Callable[..., Any], client: PlantClient) -> None:
+def test_without_a_fresh_gait_the_tail_returns_to_neutral(start: Callable[..., Any], client: PlantTester) -> None:
     start_simulator(start)
     client.wait_for_state(State.READY)
     client.publish_gait(gait_message(PAPER_GAIT.rows()))
@@ -235,7 +235,7 @@ def test_without_a_fresh_gait_the_tail_returns_to_neutral(start: Callable[..., A
     )
 
 
-def test_a_gait_beyond_the_limits_is_limited_and_reported_so(start: Callable[..., Any], client: PlantClient) -> None:
+def test_a_gait_beyond_the_limits_is_limited_and_reported_so(start: Callable[..., Any], client: PlantTester) -> None:
     start_simulator(start)
     client.wait_for_state(State.READY)
     client.publish_gait(gait_message([[1.0, 50.0, 0.0, 0.1]]))
@@ -247,7 +247,7 @@ def test_a_gait_beyond_the_limits_is_limited_and_reported_so(start: Callable[...
 
 
 def test_a_fin_that_folds_is_a_fault_with_its_angle_and_reset_clears_it(
-    start: Callable[..., Any], client: PlantClient
+    start: Callable[..., Any], client: PlantTester
 ) -> None:
     # A body without weight to speak of, a huge fin, a fast wide gait and a long step: shorter ones find that it folds.
     process = start_simulator(start, *WILD_FISH)
@@ -281,7 +281,7 @@ WILD_FISH = (
 
 
 def test_an_emergency_stop_is_latched_and_only_its_release_leads_on(
-    start: Callable[..., Any], client: PlantClient
+    start: Callable[..., Any], client: PlantTester
 ) -> None:
     start_simulator(start)
     client.wait_for_state(State.READY)

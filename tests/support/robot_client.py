@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from fin_plant import topics
 from fin_plant.plant_state import State
 from fin_servo_driver.robot_states import LEAST_SIGHT
-from support.plant_client import PlantClient
+from support.plant_tester import PlantTester
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,7 +29,7 @@ UNCONFIGURED, INACTIVE = LifecycleState.PRIMARY_STATE_UNCONFIGURED, LifecycleSta
 ACTIVE, FINALIZED = LifecycleState.PRIMARY_STATE_ACTIVE, LifecycleState.PRIMARY_STATE_FINALIZED
 
 
-class RobotClient(PlantClient):
+class RobotClient(PlantTester):
     """Everything a test asks of the servo driver."""
 
     def __init__(self, domain: int) -> None:

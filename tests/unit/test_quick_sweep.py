@@ -14,7 +14,7 @@ import pytest
 from fin_sim import swim_command
 from fin_sim.batch import TOLERANCES
 from fin_sim.quick_sweep import quick_figures, swim_quickly
-from fin_sim.sweep import Axis, Plan, sweep_plans, swim_one
+from fin_sim.sweep import Axis, SwimPlan, sweep_plans, swim_one
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,7 +39,7 @@ def command(capsys: pytest.CaptureFixture[str], *arguments: str | Path, code: in
     return captured.out, captured.err
 
 
-def random_plans(seed: int, count: int) -> list[Plan]:
+def random_plans(seed: int, count: int) -> list[SwimPlan]:
     """Return plans of fins and gaits near a laboratory's, of three links each, which is one code to compile."""
     random = np.random.default_rng(seed)
     plans = []
@@ -50,7 +50,7 @@ def random_plans(seed: int, count: int) -> list[Plan]:
             "fin.tip_height": float(random.uniform(0.026, 0.05)),
         }
         amplitude, frequency = float(random.uniform(8.0, 20.0)), float(random.uniform(0.7, 2.0))
-        plans.append(Plan(values, amplitude=amplitude, frequency=frequency, duration=6.0))
+        plans.append(SwimPlan(values, amplitude=amplitude, frequency=frequency, duration=6.0))
     return plans
 
 
@@ -72,7 +72,7 @@ def test_random_plans_have_the_figures_of_single_swims(clamp: str) -> None:
 def test_outcomes_come_in_the_order_of_the_plans_whichever_axis_varies_first() -> None:
     fin, gait = Axis("fin.young_modulus", (8e8, 2e9)), Axis("frequency", (0.9, 1.2, 1.5))
     for axes in ([fin, gait], [gait, fin]):
-        plans = [plan for _, plan in sweep_plans(Plan({}, duration=2.0), axes)]
+        plans = [plan for _, plan in sweep_plans(SwimPlan({}, duration=2.0), axes)]
         with swim_quickly(plans, cores=2) as outcomes:
             got = [swum.figures["mean_speed"] for swum in outcomes]
         assert got == pytest.approx([swim_one(plan).figures["mean_speed"] for plan in plans], rel=1e-3)
@@ -104,7 +104,7 @@ def test_a_fin_that_folds_is_told_as_in_any_sweep(capsys: pytest.CaptureFixture[
 
 
 def test_steady_figures_of_a_swim_without_a_whole_beat_are_gaps() -> None:
-    with swim_quickly([Plan({}, duration=0.8)]) as outcomes:
+    with swim_quickly([SwimPlan({}, duration=0.8)]) as outcomes:
         (swum,) = outcomes
     assert swum.figures["mean_speed"] is not None
     assert swum.figures["mean_servo_power"] is None

@@ -17,7 +17,7 @@ from fin_plant.fin import Fin
 from fin_plant.gait import carangiform
 from fin_sim import swim_command
 from fin_sim.dynamics import StepError
-from fin_sim.sweep import Axis, Plan, parse_axis, sweep_plans, swim_all, swim_one
+from fin_sim.sweep import Axis, SwimPlan, parse_axis, sweep_plans, swim_all, swim_one
 from fin_sim.swim import swim
 
 if TYPE_CHECKING:
@@ -369,10 +369,10 @@ def test_swim_that_diverges_ends_with_1(
 ) -> None:
     monkeypatch.chdir(tmp_path)
 
-    def diverge(_: Plan) -> None:
+    def diverge(_: SwimPlan) -> None:
         raise StepError(0.5)
 
-    monkeypatch.setattr(Plan, "swim", diverge)
+    monkeypatch.setattr(SwimPlan, "swim", diverge)
     _, err = _run(capsys, "--csv", "out.csv", code=1)
     assert "use a shorter step" in err
     assert list(tmp_path.iterdir()) == []
@@ -381,14 +381,14 @@ def test_swim_that_diverges_ends_with_1(
 def test_sweep_leaves_a_gap_for_a_swim_that_diverges(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    swum = Plan.swim
+    swum = SwimPlan.swim
 
-    def diverge(plan: Plan) -> Swim:
+    def diverge(plan: SwimPlan) -> Swim:
         if plan.frequency == 1.0:
             raise StepError(0.5)
         return swum(plan)
 
-    monkeypatch.setattr(Plan, "swim", diverge)
+    monkeypatch.setattr(SwimPlan, "swim", diverge)
     file = tmp_path / "table.csv"
     arguments = (*SHORT, "--sweep", "frequency=0.9,1,1.1", "--csv", file, "--plot", tmp_path / "sweep.png")
     _, err = _run(capsys, *arguments, code=1)
@@ -400,7 +400,7 @@ def test_sweep_leaves_a_gap_for_a_swim_that_diverges(
 
 
 def test_the_swims_of_a_sweep_come_in_order_and_are_those_that_swim_alone() -> None:
-    plans = [Plan({}, duration=0.3, frequency=frequency) for frequency in (3.0, 0.9, 2.0, 1.0, 5.0)]
+    plans = [SwimPlan({}, duration=0.3, frequency=frequency) for frequency in (3.0, 0.9, 2.0, 1.0, 5.0)]
     with swim_all(plans, cores=3) as swims:
         assert list(swims) == [swim_one(plan) for plan in plans]
 
@@ -408,14 +408,14 @@ def test_the_swims_of_a_sweep_come_in_order_and_are_those_that_swim_alone() -> N
 def test_interrupted_sweep_keeps_its_rows(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    swum = Plan.swim
+    swum = SwimPlan.swim
 
-    def interrupt(plan: Plan) -> Swim:
+    def interrupt(plan: SwimPlan) -> Swim:
         if plan.frequency == 1.0:
             raise KeyboardInterrupt
         return swum(plan)
 
-    monkeypatch.setattr(Plan, "swim", interrupt)
+    monkeypatch.setattr(SwimPlan, "swim", interrupt)
     file = tmp_path / "table.csv"
     _, err = _run(capsys, *SHORT, "--sweep", "frequency=0.9,1,1.1", "--csv", file, code=130)
     rows = list(csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))))
@@ -424,10 +424,10 @@ def test_interrupted_sweep_keeps_its_rows(
 
 
 def test_interrupted_swim_ends_quietly(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupt(_: Plan) -> Swim:
+    def interrupt(_: SwimPlan) -> Swim:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Plan, "swim", interrupt)
+    monkeypatch.setattr(SwimPlan, "swim", interrupt)
     assert _run(capsys, code=130) == ("", "")
 
 
@@ -438,7 +438,7 @@ def test_swim_within_its_ramp_shows_no_servo_torque(capsys: pytest.CaptureFixtur
 def test_sweep_spaces_its_values() -> None:
     assert parse_axis("frequency=1:2:3").values == (1.0, 1.5, 2.0)
     assert parse_axis("fin.length=0.05,0.1").values == (0.05, 0.1)
-    plans = sweep_plans(Plan({}), [parse_axis("amplitude=10,20")])
+    plans = sweep_plans(SwimPlan({}), [parse_axis("amplitude=10,20")])
     assert [plan.amplitude for _, plan in plans] == [10.0, 20.0]
     assert math.degrees(plans[1][1].drive(1).joints[0].amplitude) == pytest.approx(20.0)
 

@@ -88,7 +88,7 @@ def test_stiff_end_fixes_the_drag_area_and_the_rest_is_predicted() -> None:
     points = paper.published(DATA / "paper_curves.csv")
     assert points["model"].ratio == pytest.approx(1.42, abs=0.01)
     assert points["simulation"].ratio == pytest.approx(1.29, abs=0.01)
-    area, curve = paper.fit_model(paper.Curve(points["model"].modulus[-1:], points["model"].speed[-1:]))
+    area, curve = paper.fit_model(paper.SpeedCurve(points["model"].modulus[-1:], points["model"].speed[-1:]))
     assert 1e-3 < area < 1e-2
     assert float(curve.speed[-1]) == pytest.approx(0.0356, rel=1e-9)
     assert curve.best[0] < curve.modulus[-1]

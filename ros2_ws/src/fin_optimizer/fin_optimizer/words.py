@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING
 from fin_plant.fin import FIN_PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    Curve = tuple[Sequence[float], Sequence[float]]
-    """Values of the parameter in SI units, and the speed in m/s at each."""
+    from collections.abc import Mapping
 
 MODULUS = "fin.young_modulus"
 # Symbol or word, factor to SI and unit in which a laboratory speaks of a parameter.

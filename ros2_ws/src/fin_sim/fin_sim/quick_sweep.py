@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
 
     from fin_sim.batch import BatchSwim
-    from fin_sim.sweep import Plan
+    from fin_sim.sweep import SwimPlan
 
 _FIGURES = ("mean_speed", "mean_servo_power", "largest_hinge_angle")
 _FIGURES_OF_A_HELD_BODY = (*_FIGURES, "mean_thrust", "efficiency")
@@ -29,13 +29,13 @@ _MOST_AT_A_TIME = 256
 """Fins of a batch: between two of them a sweep shows its progress and can be stopped."""
 
 
-def quick_figures(plan: Plan) -> tuple[Figure, ...]:
+def quick_figures(plan: SwimPlan) -> tuple[Figure, ...]:
     """Return the figures that a quick sweep has, in the order of `FIGURES`."""
     names = _FIGURES if plan.clamp == "free" else _FIGURES_OF_A_HELD_BODY
     return tuple(figure for figure in FIGURES if figure.name in names)
 
 
-def refuse_slow(plans: Sequence[Plan]) -> None:
+def refuse_slow(plans: Sequence[SwimPlan]) -> None:
     """Refuse what does not swim in a batch.
 
     Raises:
@@ -51,13 +51,13 @@ def refuse_slow(plans: Sequence[Plan]) -> None:
             raise ValueError(msg)
 
 
-def _shared(plan: Plan) -> tuple[object, ...]:
+def _shared(plan: SwimPlan) -> tuple[object, ...]:
     """Return all of a plan but its fin: what the swims of one batch have in common."""
     values = sorted((name, str(value)) for name, value in plan.values.items() if not name.startswith("fin."))
     return (tuple(values), *(getattr(plan, item.name) for item in fields(plan) if item.name != "values"))
 
 
-def _batches(plans: Sequence[Plan]) -> list[list[int]]:
+def _batches(plans: Sequence[SwimPlan]) -> list[list[int]]:
     """Return the indices of the plans that swim together."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for index, plan in enumerate(plans):
@@ -69,7 +69,7 @@ def _batches(plans: Sequence[Plan]) -> list[list[int]]:
     ]
 
 
-def _swim(plans: Sequence[Plan]) -> list[Swum]:
+def _swim(plans: Sequence[SwimPlan]) -> list[Swum]:
     """Swim plans that differ in their fins alone."""
     plan = plans[0]
     fish = plan.fish()
@@ -107,7 +107,7 @@ def _swim(plans: Sequence[Plan]) -> list[Swum]:
     return result
 
 
-def _steady_figures(plan: Plan, batch: BatchSwim) -> dict[str, list[float | None]]:
+def _steady_figures(plan: SwimPlan, batch: BatchSwim) -> dict[str, list[float | None]]:
     """Return the means over the measured beats, and the efficiency where the force acts where it arises."""
     rows: dict[str, list[float | None]] = {
         "mean_thrust": batch.thrust.tolist(),
@@ -124,7 +124,7 @@ def _steady_figures(plan: Plan, batch: BatchSwim) -> dict[str, list[float | None
 
 
 @contextmanager
-def swim_quickly(plans: Sequence[Plan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
+def swim_quickly(plans: Sequence[SwimPlan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
     """Swim plans in batches on all cores; yield their outcomes in order, as `sweep.swim_all` does.
 
     Args:

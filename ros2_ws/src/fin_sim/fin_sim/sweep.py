@@ -43,7 +43,7 @@ _LARGEST_SWEEP = 10_000
 
 
 @dataclass(frozen=True)
-class Plan:
+class SwimPlan:
     """One swim as the command describes it.
 
     Attributes:
@@ -157,7 +157,7 @@ class Plan:
             step=self.step,
         )
 
-    def changed(self, name: str, value: float) -> Plan:
+    def changed(self, name: str, value: float) -> SwimPlan:
         """Return the plan with one number changed.
 
         Raises:
@@ -227,7 +227,7 @@ def _spaced(parts: list[str]) -> tuple[float, ...]:
     return tuple(map(float, spaced))
 
 
-def sweep_plans(plan: Plan, axes: list[Axis]) -> list[tuple[tuple[float, ...], Plan]]:
+def sweep_plans(plan: SwimPlan, axes: list[Axis]) -> list[tuple[tuple[float, ...], SwimPlan]]:
     """Return the swims of a sweep and their numbers, the first axis varying slowest; every plan is checked.
 
     Raises:
@@ -306,7 +306,7 @@ class Swum:
     failure: str = ""
 
 
-def swim_one(plan: Plan) -> Swum:
+def swim_one(plan: SwimPlan) -> Swum:
     """Swim a plan and return its figures, or why there are none."""
     try:
         swum = plan.swim()
@@ -322,7 +322,7 @@ def cores_of_process() -> int:
 
 
 @contextlib.contextmanager
-def swim_all(plans: Sequence[Plan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
+def swim_all(plans: Sequence[SwimPlan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
     """Swim plans on all cores; yield their outcomes in order. What is not asked for any more is not swum.
 
     Args:

@@ -29,7 +29,7 @@ from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
 from fin_sim.materials import material
 from fin_sim.quick_sweep import swim_quickly
-from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, Plan, parse_axis, sweep_plans, swim_all
+from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, SwimPlan, parse_axis, sweep_plans, swim_all
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from fin_plant.parameters import Parameter, Value
     from fin_sim.swim_result import Swim
 
-_PLAN_OPTIONS = tuple(item.name for item in fields(Plan) if item.name != "values")
+_PLAN_OPTIONS = tuple(item.name for item in fields(SwimPlan) if item.name != "values")
 # What a node's parameter file says of the run, and the option that says it here.
 _RUN_PARAMETERS = {"reactive": "reactive", "step": "step", "drive.ramp_time": "ramp_time"}
 # Parameters that ROS gives every node.
@@ -117,7 +117,7 @@ def _add_what_swims(parser: argparse.ArgumentParser) -> None:
 
 def _add_gait_and_run(parser: argparse.ArgumentParser) -> None:
     gait = parser.add_argument_group("gait and run")
-    defaults = {item.name: item.default for item in fields(Plan)}
+    defaults = {item.name: item.default for item in fields(SwimPlan)}
     choices = {"gait": ("carangiform", "sub_carangiform"), "reactive": REACTIVE_FORMS, "clamp": CLAMPS}
     described = {
         "gait": "preset",
@@ -226,7 +226,7 @@ def _refuse_step(options: argparse.Namespace, run: Mapping[str, Value]) -> None:
         raise ValueError(msg)
 
 
-def _plan(options: argparse.Namespace) -> Plan:
+def _plan(options: argparse.Namespace) -> SwimPlan:
     values, run = _read_parameters(options.params_file) if options.params_file else ({}, {})
     if options.quick:
         _refuse_step(options, run)
@@ -237,7 +237,7 @@ def _plan(options: argparse.Namespace) -> Plan:
     if twice:
         msg = f"--material gives {twice[0]}: leave one of them out"
         raise ValueError(msg)
-    plan = Plan(values, **{**run, **chosen})
+    plan = SwimPlan(values, **{**run, **chosen})
     if options.shape:
         shaped = plan.fin().shaped(options.shape)
         plan = replace(plan, values={**plan.values, **shaped.as_parameters()})
@@ -421,7 +421,7 @@ def _sweep_csv(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]])
     return text.getvalue()
 
 
-def _run_sweep(plan: Plan, axes: list[Axis], options: argparse.Namespace) -> int:
+def _run_sweep(plan: SwimPlan, axes: list[Axis], options: argparse.Namespace) -> int:
     """Swim the sweep and put out its rows; a swim that diverges leaves a gap, Ctrl-C ends with the rows so far."""
     plans = sweep_plans(plan, axes)
     if len(plans) > _MANY_SWIMS and not options.quick:
@@ -485,7 +485,7 @@ def _put_out_sweep(
         _console().print(_table(axes, rows))
 
 
-def _check_tow_speed(plan: Plan, axes: Sequence[Axis], options: argparse.Namespace) -> None:
+def _check_tow_speed(plan: SwimPlan, axes: Sequence[Axis], options: argparse.Namespace) -> None:
     given = options.tow_speed is not None or any(axis.name == "tow_speed" for axis in axes)
     if given and plan.clamp != "towed":
         msg = f"tow_speed is that of a towed body, this one is {plan.clamp}: add --clamp towed or leave it out"

@@ -80,7 +80,7 @@ def _axes(title: str, *, width: float = 6.4) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _curve(axes: Axes, table: Table, label: str, colour: str) -> None:
+def _draw_speed(axes: Axes, table: Table, label: str, colour: str) -> None:
     axes.plot(table["young_modulus"] * GIGA, table["speed"] * CENTI, color=colour, label=label)
     peak = best(table)
     axes.plot(peak["young_modulus"] * GIGA, peak["speed"] * CENTI, "o", color=colour)
@@ -88,7 +88,7 @@ def _curve(axes: Axes, table: Table, label: str, colour: str) -> None:
 
 def _figure_4(results: Mapping[Run, Table]) -> Figure:
     figure, axes = _axes("Mathematical model: speed over stiffness (figure 4)")
-    _curve(axes, _of(results, "model")[0], "ours, body held, fin without mass", _OURS)
+    _draw_speed(axes, _of(results, "model")[0], "ours, body held, fin without mass", _OURS)
     axes.plot(*_published("model"), "s", color=_THEIRS, mfc="none", label="Clark et al. 2012, model")
     axes.set_ylim(bottom=0.0)
     axes.legend(frameon=False)
@@ -126,8 +126,8 @@ def _figure_5(results: Mapping[Run, Table]) -> Figure:
 
 def _figure_6(results: Mapping[Run, Table]) -> Figure:
     figure, axes = _axes("Measured fins beside model and simulation (figure 6)", width=7.4)
-    _curve(axes, _of(results, "model")[0], "our model", _OTHER)
-    _curve(axes, _of(results, "simulation")[0], "our simulation", _OURS)
+    _draw_speed(axes, _of(results, "model")[0], "our model", _OTHER)
+    _draw_speed(axes, _of(results, "simulation")[0], "our simulation", _OURS)
     axes.plot(*_published("model"), "s", color=_OTHER, mfc="none", label="2012, model")
     axes.plot(*_published("simulation"), "s", color=_OURS, mfc="none", label="2012, simulation")
     right, lift = axes.get_xlim()[1], 6

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from fin_optimizer.search.space import Dimension
     from fin_optimizer.study.candidate import Candidate, TrialRecord
-    from fin_optimizer.study.simulated_curve import Curve
+    from fin_optimizer.study.simulated_curve import SpeedCurve
 
 _MARKERS = {Outcome.FAILED: "x", Outcome.INTERRUPTED: "+", Outcome.INFEASIBLE: "|"}
 
@@ -31,7 +31,7 @@ def draw_speed(
     best: Candidate | None,
     dimension: Dimension,
     *,
-    simulated: Curve | None = None,
+    simulated: SpeedCurve | None = None,
     title: str = "",
 ) -> None:
     """Draw the speed of every trial over one parameter, coloured by order, the best one marked.

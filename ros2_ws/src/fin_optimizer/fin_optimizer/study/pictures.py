@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from fin_optimizer.study.candidate import Candidate, TrialRecord
     from fin_optimizer.study.settings import Settings
-    from fin_optimizer.study.simulated_curve import Curve
+    from fin_optimizer.study.simulated_curve import SpeedCurve
 
 _FREQUENCY, _AMPLITUDE = "gait.frequency", "gait.amplitude"
 _SETTLE, _DURATION = "measurement.settle", "measurement.duration"
@@ -64,7 +64,7 @@ def _draw_speed(path: Path, settings: Settings, trials: Sequence[TrialRecord], f
     drawing.draw_speed(path, trials, best, first, simulated=simulated, title=heading)
 
 
-def _simulated(settings: Settings, fish: Mapping[str, object]) -> Curve | None:
+def _simulated(settings: Settings, fish: Mapping[str, object]) -> SpeedCurve | None:
     """Return the simulator's speed over what was searched, None where it was no simulator that swam."""
     details = cast("Mapping[str, float]", settings.details)
     if fish.get("plant") != SIMULATOR or not {_FREQUENCY, _AMPLITUDE, _SETTLE, _DURATION} <= details.keys():

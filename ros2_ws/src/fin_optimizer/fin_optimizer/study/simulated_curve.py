@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from fin_plant.gait import Gait
     from fin_plant.parameters import Value
 
-    Curve = tuple[Sequence[float], Sequence[float]]
+    SpeedCurve = tuple[Sequence[float], Sequence[float]]
     """Values of the parameter in SI units, and the speed in m/s at each."""
 
 _POINTS = 71
@@ -62,7 +62,7 @@ def simulated_speed(
     return speed
 
 
-def speed_over_range(dimension: Dimension, speed: Callable[[float], float], points: int = _POINTS) -> Curve:
+def speed_over_range(dimension: Dimension, speed: Callable[[float], float], points: int = _POINTS) -> SpeedCurve:
     """Return the curve of ``speed`` (SI to m/s) over the whole range of a parameter."""
     values = np.linspace(dimension.minimum, dimension.maximum, points)
     return [float(value) for value in values], [speed(float(value)) for value in values]

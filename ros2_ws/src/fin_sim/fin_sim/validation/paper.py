@@ -32,7 +32,7 @@ _MORE = 1.5
 
 
 @dataclass(frozen=True)
-class Curve:
+class SpeedCurve:
     """Speed over stiffness.
 
     Attributes:
@@ -59,7 +59,7 @@ class Curve:
         return np.interp(np.log(modulus), np.log(self.modulus), self.speed)
 
 
-def published(path: Path) -> dict[str, Curve]:
+def published(path: Path) -> dict[str, SpeedCurve]:
     """Return the points of ``paper_curves.csv`` that have a modulus, by curve.
 
     Raises:
@@ -71,7 +71,7 @@ def published(path: Path) -> dict[str, Curve]:
     for name in ("model", "simulation", "physical"):
         chosen = [row for row in rows if row["curve"] == name]
         modulus = np.array([1e9 * float(row["young_modulus_gpa"]) for row in chosen])
-        curves[name] = Curve(modulus, np.array([0.01 * float(row["speed_cm_s"]) for row in chosen]))
+        curves[name] = SpeedCurve(modulus, np.array([0.01 * float(row["speed_cm_s"]) for row in chosen]))
     return curves
 
 
@@ -80,16 +80,16 @@ def with_drag_area(drag_area: float) -> Fish:
     return replace(PAPER_FISH, body=replace(PAPER_FISH.body, drag_area=drag_area))
 
 
-def fit_model(points: Curve) -> tuple[float, Curve]:
+def fit_model(points: SpeedCurve) -> tuple[float, SpeedCurve]:
     """Return S C_D in m^2 that gives the model's stiffest point, and the curve that follows."""
     stiff = mean_thrust_held(Fin(young_modulus=float(points.modulus[-1])))
     drag_area = 2.0 * stiff / (1000.0 * float(points.speed[-1]) ** 2)
     grid = np.append(_GRID[points.modulus[-1] > _GRID], points.modulus[-1])
     thrusts = [mean_thrust_held(Fin(young_modulus=float(modulus))) for modulus in grid]
-    return drag_area, Curve(grid, np.array([speed_from_thrust(thrust, drag_area) for thrust in thrusts]))
+    return drag_area, SpeedCurve(grid, np.array([speed_from_thrust(thrust, drag_area) for thrust in thrusts]))
 
 
-def fit_simulation(points: Curve) -> tuple[float, Curve]:
+def fit_simulation(points: SpeedCurve) -> tuple[float, SpeedCurve]:
     """Return S C_D in m^2 that gives the simulation's stiffest point, and the curve that follows."""
     stiff = Fin(young_modulus=float(points.modulus[-1]))
 
@@ -100,7 +100,7 @@ def fit_simulation(points: Curve) -> tuple[float, Curve]:
     fish = with_drag_area(drag_area)
     grid = np.append(_GRID[points.modulus[-1] > _GRID], points.modulus[-1])
     speeds = [simulation(Fin(young_modulus=float(modulus)), fish).mean_speed for modulus in grid]
-    return drag_area, Curve(grid, np.array(speeds))
+    return drag_area, SpeedCurve(grid, np.array(speeds))
 
 
 def best_fin_frequency(modulus: float) -> float:
@@ -144,7 +144,7 @@ def sensitivities() -> list[tuple[str, float, float]]:
 
 
 @own_style()
-def _draw(path: Path, points: dict[str, Curve], model: Curve, simulated: Curve) -> None:
+def _draw(path: Path, points: dict[str, SpeedCurve], model: SpeedCurve, simulated: SpeedCurve) -> None:
     figure, axes = new_figure(9.0, 4.8)
     panel = axes[0, 0]
     panel.plot(1e-9 * model.modulus, 100.0 * model.speed, color=BODY_COLOUR, label="this model, fitted at 4.75 GPa")
@@ -167,7 +167,7 @@ def _draw(path: Path, points: dict[str, Curve], model: Curve, simulated: Curve) 
     figure.savefig(path, dpi=120)
 
 
-def _maxima(curve: Curve) -> int:
+def _maxima(curve: SpeedCurve) -> int:
     """Return how many maxima a curve has between its ends."""
     rises = np.diff(curve.speed) > 0.0
     return int(np.count_nonzero(rises[:-1] & ~rises[1:]))
@@ -185,19 +185,19 @@ class Comparison:
         simulation_area: Its fitted S C_D, m^2.
     """
 
-    points: dict[str, Curve]
-    model: Curve
+    points: dict[str, SpeedCurve]
+    model: SpeedCurve
     model_area: float
-    simulated: Curve
+    simulated: SpeedCurve
     simulation_area: float
 
     @property
-    def pairs(self) -> tuple[tuple[str, Curve, Curve], ...]:
+    def pairs(self) -> tuple[tuple[str, SpeedCurve, SpeedCurve], ...]:
         """Name, own curve and published one."""
         own = (("model", self.model), ("simulation", self.simulated))
         return tuple((name, curve, self.points[name]) for name, curve in own)
 
-    def over_drive(self, curve: Curve) -> float:
+    def over_drive(self, curve: SpeedCurve) -> float:
         """Return the bending frequency of a curve's fastest fin over the drive's."""
         return best_fin_frequency(curve.best[0]) / PAPER_GAIT.joints[0].frequency
 

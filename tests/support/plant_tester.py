@@ -35,7 +35,7 @@ GAIT_PERIOD = 0.2
 TIMEOUT = PATIENCE
 
 
-class PlantClient:
+class PlantTester:
     """Everything a test asks of a plant, on a ROS domain of its own; a context manager."""
 
     def __init__(self, domain: int, plant: str = "simulator", namespace: str = topics.NAMESPACE) -> None:
