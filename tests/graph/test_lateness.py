@@ -14,7 +14,7 @@ from support.processes import workspace_environment
 def lateness(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the command."""
     return subprocess.run(
-        [sys.executable, "-m", "fin_bringup.lateness", *arguments],
+        [sys.executable, "-m", "fin_bringup.benchmarks.lateness", *arguments],
         env=workspace_environment() | {"ROS_DOMAIN_ID": str(domain)},
         capture_output=True,
         text=True,
@@ -27,7 +27,7 @@ def test_the_table_names_its_command_and_counts_the_ticks_of_the_driver(ros_doma
     done = lateness(ros_domain, "--seconds", "4", "firmata")
     assert done.returncode == 0, done.stderr
     command, _, header, _, row = done.stdout.splitlines()
-    assert command == "./run fin_optimizer lateness --seconds 4 firmata"
+    assert command == "./run fin_bringup lateness --seconds 4 firmata"
     assert header.startswith("| device | lateness p50, ms |")
     found = re.fullmatch(r"\| firmata \|( \d+\.\d\d \|){3} (\d+) of (\d+) \| \d+ % of a core \| -?\d+ \|", row)
     assert found, row

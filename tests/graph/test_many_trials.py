@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_bringup.bench import trial_loop
+from fin_bringup.benchmarks.trials import trial_loop
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
 from support.waiting import wait_until

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from fin_bringup import bench, mujoco_fish
-from fin_bringup.throughput import Throughput
+from fin_bringup.benchmarks import command, measuring, mujoco_fish, other_programs, profile, swims, trials
+from fin_bringup.benchmarks.measuring import Sizes
+from fin_bringup.benchmarks.trials import Throughput
 from fin_sim import swim
 
 if TYPE_CHECKING:
@@ -24,13 +25,13 @@ def test_operations_are_counted_and_the_profile_is_that_of_the_times_measured(mo
         work()
         return next(taken)
 
-    monkeypatch.setattr(bench, "core_time", core_time)
-    counted = bench.operations()
+    monkeypatch.setattr(profile, "core_time", core_time)
+    counted = profile.operations()
     assert counted["multiply"] > 300
     assert counted["square_root"] == 1
-    figures = bench.profile(bench.Sizes(1, (1,), (1,), (1e-3,), 1))
-    swims, steps = 4.0 / figures["core_us_per_swim"] * 1e6, round(bench.DURATION * 56 * 0.9)
-    assert swims == bench._MANY
+    figures = profile.profile(Sizes(1, (1,), (1,), (1e-3,), 1))
+    swims, steps = 4.0 / figures["core_us_per_swim"] * 1e6, round(measuring.DURATION * 56 * 0.9)
+    assert swims == measuring.MANY
     assert figures["set_up_us_per_swim"] == pytest.approx(1e6 / swims)
     assert figures["ns_per_step_of_a_fish"] == pytest.approx(3e9 / swims / steps, rel=1e-2)
     done = sum(counted.values()) * steps * swims
@@ -40,31 +41,31 @@ def test_operations_are_counted_and_the_profile_is_that_of_the_times_measured(mo
 
 
 def test_lanes_are_within_a_thousandth_and_time_a_swim() -> None:
-    rows = bench.methods(bench.Sizes(1, (1,), (1,), (1e-3,), 1))
+    rows = swims.methods(Sizes(1, (1,), (1,), (1e-3,), 1))
     assert all(row["error"] < 1e-3 for row in rows)
     assert all(row["core_ms"] > 0.0 for row in rows)
 
 
 def test_scipy_solves_the_same_equations() -> None:
-    assert bench.scipy_swim(1e-5) == pytest.approx(swim(reactive="tip").mean_speed, rel=1e-5)
+    assert other_programs.scipy_swim(1e-5) == pytest.approx(swim(reactive="tip").mean_speed, rel=1e-5)
 
 
 @pytest.mark.timeout(300)
 def test_the_command_prints_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mujoco", reason="pip install -r requirements/bench.txt")
-    monkeypatch.setattr(bench, "QUICK", bench.Sizes(1, (1, 16), (1, 3), (4e-3, 2e-3), 1))
-    monkeypatch.setattr(bench, "trial_loop", lambda trials, duration: Throughput(trials, 0.5, trials * duration))
-    bench.main(["--quick", "--json"])
+    monkeypatch.setattr(command, "QUICK", Sizes(1, (1, 16), (1, 3), (4e-3, 2e-3), 1))
+    monkeypatch.setattr(trials, "trial_loop", lambda count, duration: Throughput(count, 0.5, count * duration))
+    command.main(["--quick", "--json"])
     figures = json.loads(capsys.readouterr().out)
     assert figures["others"]["MuJoCo rollout"]["core_ms"] > 0.0
     assert figures["times_faster_than"]["SciPy solve_ivp"] > 1.0
-    assert "| MuJoCo rollout |" in bench.text(figures)
-    assert "| 1 | 10 s | 2.0 | 20 |" in bench.text(figures)
+    assert "| MuJoCo rollout |" in command.text(figures)
+    assert "| 1 | 10 s | 2.0 | 20 |" in command.text(figures)
 
 
 def test_what_is_refused_leaves_by_2(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SystemExit) as left:
-        bench.main(["--repeats", "0"])
+        command.main(["--repeats", "0"])
     assert left.value.code == 2
 
     def missing() -> None:
@@ -73,7 +74,7 @@ def test_what_is_refused_leaves_by_2(capsys: pytest.CaptureFixture[str], monkeyp
 
     monkeypatch.setattr(mujoco_fish, "require", missing)
     with pytest.raises(SystemExit) as left:
-        bench.main(["--quick"])
+        command.main(["--quick"])
     assert left.value.code == 2
     assert "needs MuJoCo" in capsys.readouterr().err
 
@@ -81,5 +82,5 @@ def test_what_is_refused_leaves_by_2(capsys: pytest.CaptureFixture[str], monkeyp
 def test_core_time_does_not_count_other_threads() -> None:
     with ThreadPoolExecutor(1) as other:
         busy = other.submit(lambda: sum(range(10**6)))
-        assert bench.core_time(lambda: None, 3) < 1e-3
+        assert measuring.core_time(lambda: None, 3) < 1e-3
         busy.result()

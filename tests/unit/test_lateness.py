@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fin_bringup import lateness
+from fin_bringup.benchmarks import lateness
 
 
 def second(p50: float, p99: float, largest: float, *, missed: int, sent: int) -> dict[str, str]:

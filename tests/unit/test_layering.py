@@ -14,7 +14,7 @@ from support.source_tree import PACKAGES, SOURCE, imported, imported_at_start, i
 
 # The thin ROS face of each package. Whoever adds a module here moves it out of the core.
 ROS_MODULES = {
-    "fin_bringup.lateness",
+    "fin_bringup.benchmarks.lateness",
     "fin_optimizer.commands.control",
     "fin_optimizer.commands.play_bag",
     "fin_optimizer.announcer",

@@ -18,7 +18,7 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-from fin_bringup.throughput import throughput
+from fin_bringup.benchmarks.trials import throughput
 from fin_optimizer.bags.messages import decode, velocity_samples
 from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.commands import export, score_bag, show_study

@@ -27,8 +27,8 @@ setup(
     entry_points={
         "console_scripts": [
             "bringup = fin_bringup.bringup:main",
-            "bench = fin_bringup.bench:main",
-            "lateness = fin_bringup.lateness:main",
+            "bench = fin_bringup.benchmarks.command:main",
+            "lateness = fin_bringup.benchmarks.lateness:main",
         ],
     },
 )

@@ -1,6 +1,6 @@
 """How late the servo driver's ticks are, and what they cost, while a study runs beside them: a table.
 
-    ./run fin_optimizer lateness [--seconds S] [DEVICE ...]
+    ./run fin_bringup lateness [--seconds S] [DEVICE ...]
 
 The study is a rehearsal: the real driver, optimiser and recorder, with an emulated device on a pseudo-terminal. The
 emulator and its hidden fish run on the same machine, where a real robot would not. The figures are the driver's own
@@ -213,7 +213,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _REFUSED
     devices = options.devices or DEVICES
     sys.stdout.write(
-        f"./run fin_optimizer lateness --seconds {options.seconds:g} {' '.join(devices)}\n\n"
+        f"./run fin_bringup lateness --seconds {options.seconds:g} {' '.join(devices)}\n\n"
         + _row(_COLUMNS)
         + _row(["---"] * len(_COLUMNS))
     )

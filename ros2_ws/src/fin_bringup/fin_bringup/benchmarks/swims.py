@@ -1,0 +1,59 @@
+"""Many fish side by side: the core time of a swim and its error, and the time over swims, links and cores."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fin_bringup.benchmarks.measuring import DURATION, MANY, MODULI, batch, core_time, wall_time
+from fin_plant.fin import Fin
+from fin_sim import swim, swim_batch
+from fin_sim.batch import LONGEST_LANE_CHAIN
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from fin_bringup.benchmarks.measuring import Sizes
+
+
+def converged(reactive: str) -> NDArray[np.float64]:
+    """Return the mean speeds in m/s of the paper fin at ``MODULI`` by the general kernel at 1 ms: converged to 1e-8."""
+    fins = [Fin(young_modulus=modulus) for modulus in MODULI]
+    return np.array([swim(fin, duration=DURATION, reactive=reactive).mean_speed for fin in fins])  # type: ignore[arg-type]
+
+
+def methods(sizes: Sizes) -> list[dict[str, Any]]:
+    """Return the core time of a swim and its error for every form, precision and some steps of the lanes."""
+    rows = []
+    for reactive in ("tip", "distributed"):
+        exact = converged(reactive)
+        for precision in ("double", "single"):
+            for step in (0.01, 0.02):
+                options = {"reactive": reactive, "precision": precision, "step": step}
+                taken = core_time(batch(MANY, **options), sizes.repeats)
+                speeds = swim_batch({"young_modulus": MODULI}, threads=1, **options).mean_speed  # type: ignore[arg-type]
+                error = float(np.abs(speeds / exact - 1.0).max())
+                rows.append({**options, "core_ms": taken / MANY * 1e3, "error": error})
+    return rows
+
+
+def scaling(sizes: Sizes) -> dict[str, list[dict[str, float]]]:
+    """Return the time of a swim over the number of swims, of links and of cores."""
+    over_swims = [
+        {"swims": float(n), "core_ms": core_time(batch(n), sizes.repeats if n <= MANY else 1) / n * 1e3}
+        for n in sizes.swims
+    ]
+    over_links = []
+    for links in sizes.segments:
+        lanes = links <= LONGEST_LANE_CHAIN
+        n = 256 if lanes else 4
+        taken = core_time(batch(n, columns={"segments": np.full(n, links)}), sizes.repeats if lanes else 1)
+        over_links.append({"links": float(links), "core_ms": taken / n * 1e3, "lanes": float(lanes)})
+    n = 4 * MANY
+    over_cores = [
+        {"cores": float(c), "swims_per_second": n / wall_time(batch(n, threads=c), sizes.repeats)}
+        for c in range(1, (os.cpu_count() or 1) + 1)
+    ]
+    return {"swims": over_swims, "links": over_links, "cores": over_cores}
