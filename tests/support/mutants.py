@@ -167,12 +167,12 @@ def _called_otherwise(node: ast.AST) -> list[ast.AST]:
 
 
 def _other(value: object) -> bool | float | str:
-    """Return another value than a constant's."""
+    """Return another value than a constant's; in the place of None one that counts as true, for it is easily missed."""
     if isinstance(value, bool):
         return not value
     if isinstance(value, int | float):
         return value + 1
-    return "another" if isinstance(value, str) else 0.0
+    return "another" if isinstance(value, str) else 1.0
 
 
 def _changed(node: ast.AST, field: str, value: object) -> ast.AST:

@@ -172,6 +172,14 @@ def test_a_power_that_is_not_told_is_missed_in_the_window_alone(place: int, *, c
         assert mean_power(stamps, power, ONE_SECOND) == 3.0
 
 
+def test_a_power_beside_the_window_that_is_not_told_tells_nothing_at_its_end() -> None:
+    times = np.arange(12) / 10 - 0.05
+    for place in (0, 11):
+        power = np.full(12, 3.0)
+        power[place] = np.nan
+        assert mean_power(at(*times), power, ONE_SECOND) == 3.0
+
+
 # -- where a swim begins -----------------------------------------------------------------------------------------------
 
 AT_ONCE = Measurement(settle=0.0, duration=1.0)

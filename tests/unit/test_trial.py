@@ -84,6 +84,7 @@ class Rehearsal:
     seen: Seen = field(default_factory=Seen)
     actions: list[Action] = field(default_factory=list)
     now: float = 100.0
+    looks: int = 0
 
     def __post_init__(self) -> None:
         self.trial = Trial("/fish", FIN, Measurement(settle=2.0, duration=10.0), self.timeouts)
@@ -98,6 +99,8 @@ class Rehearsal:
         phase = ""
         while self.trial.phase not in (phase, until) and self.trial.result is None:
             phase = self.trial.phase
+            self.looks += 1
+            assert self.looks < 10_000, "the phases go round in a circle"
             self.actions += self.trial.update(self.now, self.seen.facts(self.trial.looks_up))
 
     def reach(self, phase: str) -> None:
@@ -283,6 +286,15 @@ def test_velocities_that_stand_still_are_told_with_their_times(newest: float | N
     assert reason in rehearsal.failure
 
 
+def test_a_gait_that_is_heard_and_has_no_effect_is_told_without_more() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("start the gait")
+    rehearsal.seen.deaf_to_gait = str
+    rehearsal.update(5.1)
+    reason = "the gait on topic /fish/gait had no effect: topic /fish/plant_state says READY (waited 5 s)"
+    assert rehearsal.failure == f"start the gait: {reason}"
+
+
 def test_a_plant_that_swims_on_is_told_before_what_has_not_come() -> None:
     rehearsal = Rehearsal()
     rehearsal.reach("stop the gait")
@@ -352,6 +364,13 @@ def test_cancelling_in_any_phase_switches_the_gait_off_and_closes_the_bag(phase:
     assert f"in phase '{phase}': somebody pressed Ctrl-C" in rehearsal.failure
     assert rehearsal.trial.cancel("again") == []
     assert rehearsal.trial.update(rehearsal.now, rehearsal.seen.facts(LOOKED_UP)) == []
+
+
+def test_a_trial_may_be_cancelled_before_its_first_phase() -> None:
+    rehearsal = Rehearsal()
+    assert rehearsal.trial.looks_up == frozenset()
+    assert rehearsal.trial.cancel("somebody pressed Ctrl-C") == []
+    assert rehearsal.failure == "in phase 'begin': somebody pressed Ctrl-C"
 
 
 @pytest.mark.parametrize("phase", [phase.name for phase in PHASES][2:])
