@@ -447,6 +447,7 @@ def test_a_refused_fin_is_infeasible_with_the_plants_reason() -> None:
     rehearsal.update()
     assert rehearsal.trial.result == Result(Outcome.INFEASIBLE, "fin.thickness = 0.2 m must be less than fin.length")
     assert rehearsal.actions == [Action.SET_FIN]
+    assert rehearsal.trial.phase == "set the fin", "it ends at once"
 
 
 def test_a_fin_that_is_refused_without_a_reason_is_infeasible_all_the_same() -> None:
@@ -473,6 +474,13 @@ def test_a_limit_is_over_when_more_than_its_time_has_passed() -> None:
     assert rehearsal.phase == "find the plant"
     rehearsal.update(2.0**-40)
     assert rehearsal.phase == "INTERRUPTED"
+
+
+def test_the_time_of_the_first_phase_runs_from_its_beginning() -> None:
+    trial, facts = Rehearsal().trial, Seen().facts(frozenset())
+    assert trial.update(100.0, facts) == []
+    assert trial.update(130.1, facts) == []
+    assert trial.result is not None
 
 
 def test_a_plant_out_of_sight_since_the_fin_was_set_may_come_back() -> None:
@@ -523,6 +531,7 @@ def test_a_state_said_before_the_reset_does_not_count_as_being_at_the_start() ->
     rehearsal.say(State.READY, 3 * SECOND + 1, fin=SHOWN)
     rehearsal.update()
     assert rehearsal.phase == "open the bag"
+    assert rehearsal.trial.course.reset_after == 3 * SECOND
 
 
 AFTER_THE_FIN = [phase.name for phase in PHASES[3:12]]

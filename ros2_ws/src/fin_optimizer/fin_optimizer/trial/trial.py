@@ -134,10 +134,7 @@ class Trial:
     def _end(self, result: Result) -> list[Action]:
         self.result = result
         actions = [Action.GAIT_OFF] if self._gait_is_on else []
-        actions += [Action.CLOSE_BAG] if self._bag_is_open else []
-        for action in actions:
-            self._note_switches(action)
-        return actions
+        return [*actions, Action.CLOSE_BAG] if self._bag_is_open else actions
 
     def _failure(self, facts: Facts) -> Result | None:
         """Return how the trial ends because of something that may happen in any phase."""
