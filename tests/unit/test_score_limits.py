@@ -136,6 +136,13 @@ def test_the_spread_of_two_blocks_and_of_two_samples_a_block() -> None:
     assert spread == pytest.approx(np.std(between, ddof=1), rel=1e-12)
 
 
+def test_a_later_block_without_samples_leaves_no_spread() -> None:
+    times = np.delete(np.arange(21) / 20, [10, 11, 12])
+    speed = 0.1 * np.sin(times)
+    assert math.isnan(score(at(*times), speed, ONE_SECOND, block=0.1).spread)
+    assert score(at(*times), speed, ONE_SECOND, block=0.2).spread > 0.0
+
+
 def test_arrays_of_another_shape_are_refused() -> None:
     with pytest.raises(ScoreError, match=r"int64\(2, 2\) and values float64\(2, 2\) of velocity must be"):
         score(at(0.0, 0.1, 0.2, 0.3).reshape(2, 2), np.ones((2, 2)), ONE_SECOND)
