@@ -124,11 +124,13 @@ class StartedProcess:
                 self.process.wait(STOP_SECONDS)
             except subprocess.TimeoutExpired:
                 complaints.append(f"{self.name} did not stop within {STOP_SECONDS} s of SIGINT and was killed")
-        elif self.group_alive():
-            complaints.append(f"{self.name} ended but left processes of its group behind; they were killed")
+        left = f"{self.name} ended but left processes of its group behind; they were killed"
+        try:
+            if not complaints:  # a process that ends because its parent has may do so a moment later
+                wait_until(lambda: not self.group_alive(), STOP_SECONDS, left)
+        except AssertionError:
+            complaints.append(left)
         if self.group_alive():
-            if not complaints:
-                complaints.append(f"{self.name} stopped but left processes of its group behind; they were killed")
             self.signal(signal.SIGKILL)
         self.process.wait()
         return [] if self.forgiven else complaints

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from fin_plant import checks, validity
 from fin_plant.gait import PAPER_GAIT
@@ -156,9 +158,13 @@ def _result(
 
 
 def _run(swim: Callable[[_Piece], None], pieces: Sequence[_Piece], workers: int) -> None:
-    if workers == 1 or len(pieces) <= 1:
-        for piece in pieces:
-            swim(piece)
-    else:
-        with ThreadPoolExecutor(min(workers, len(pieces))) as pool:
-            list(pool.map(swim, pieces))
+    with contextlib.ExitStack() as held:
+        if not all(piece.lanes for piece in pieces):
+            # Threads of the general kernel's matrix exponential take the cores from each other: four times as long.
+            held.enter_context(threadpool_limits(1, user_api="blas"))
+        if workers == 1 or len(pieces) <= 1:
+            for piece in pieces:
+                swim(piece)
+        else:
+            with ThreadPoolExecutor(min(workers, len(pieces))) as pool:
+                list(pool.map(swim, pieces))
