@@ -286,6 +286,16 @@ def test_velocities_that_stand_still_are_told_with_their_times(newest: float | N
     assert reason in rehearsal.failure
 
 
+def test_velocities_are_counted_from_the_last_progress_on() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("settle")
+    rehearsal.seen.velocities = 200
+    rehearsal.reach("measure")
+    rehearsal.seen.velocities = 205
+    rehearsal.update(5.1)
+    assert rehearsal.failure.startswith("measure: 5 messages came on topic /fish/velocity")
+
+
 def test_a_gait_that_is_heard_and_has_no_effect_is_told_without_more() -> None:
     rehearsal = Rehearsal()
     rehearsal.reach("start the gait")
