@@ -1,0 +1,80 @@
+"""What is made of a candidate's trials: its score and spread, and whether it needs one more."""
+
+from __future__ import annotations
+
+import pytest
+
+from fin_optimizer.study.candidate import Candidate, TrialRecord, candidates, fastest, is_for_another
+from fin_optimizer.study.settings import Policy
+from fin_optimizer.trial.result import Outcome
+
+TWICE = Policy(repeats=2, attempts=2)
+OUTCOMES = {
+    "P": Outcome.PROPOSED,
+    "R": Outcome.RUNNING,
+    "O": Outcome.OK,
+    "F": Outcome.FAILED,
+    "I": Outcome.INTERRUPTED,
+    "X": Outcome.INFEASIBLE,
+}
+
+
+def trial(
+    number: int, outcome: Outcome, score: float | None = None, candidate: int = 0, plant: str = ""
+) -> TrialRecord:
+    cost = None if score is None else 10.0 * score
+    return TrialRecord(number, candidate, {}, outcome, "", score, None, cost, 0, plant, "", None, None)
+
+
+def with_outcomes(letters: str) -> Candidate:
+    return Candidate(0, {}, tuple(trial(number, OUTCOMES[letter]) for number, letter in enumerate(letters)))
+
+
+def with_scores(*scores: float | None, number: int = 0) -> Candidate:
+    return Candidate(number, {}, tuple(trial(place, Outcome.OK, score) for place, score in enumerate(scores)))
+
+
+def test_a_candidates_score_and_spread_are_those_of_its_ok_trials() -> None:
+    """Of 1, 2 and 6 the mean is 3, the squares of the differences are 4 + 1 + 9 = 14, and 14 / 2 = 7."""
+    candidate = with_scores(1.0, None, 2.0, 6.0)
+    assert (candidate.score, candidate.cost) == (3.0, 30.0)
+    assert candidate.spread == pytest.approx(7.0**0.5, rel=1e-15)
+    assert with_scores(1.0, 3.0).spread == pytest.approx(2.0**0.5, rel=1e-15)
+    assert with_scores(1.0, None).spread is None
+    assert (with_scores().score, with_scores().cost, with_scores().spread) == (None, None, None)
+
+
+@pytest.mark.parametrize("letters", ["", "O", "R", "P", "F", "I", "III", "OF", "OI", "FR"])
+def test_a_candidate_wants_as_many_trials_as_are_asked_for(letters: str) -> None:
+    assert with_outcomes(letters).wants_trial(TWICE)
+
+
+@pytest.mark.parametrize("letters", ["OO", "OR", "OP", "RP", "PP", "RR", "FF", "FIF", "X", "OX", "OFF"])
+def test_a_candidate_with_enough_trials_under_way_or_given_up_wants_none(letters: str) -> None:
+    assert not with_outcomes(letters).wants_trial(TWICE)
+
+
+SETTLED = ("OO", "OOO", "FF", "X", "OFF")
+NOT_SETTLED = ("", "O", "OF", "OOR", "OOP", "FFR", "XP")
+
+
+@pytest.mark.parametrize("letters", [*SETTLED, *NOT_SETTLED])
+def test_a_candidate_is_settled_when_nothing_changes_it_any_more(letters: str) -> None:
+    assert with_outcomes(letters).settled(TWICE) is (letters in SETTLED)
+
+
+def test_a_candidate_goes_to_a_fish_on_which_it_has_not_failed() -> None:
+    trials = (trial(0, Outcome.FAILED, plant="/a"), trial(1, Outcome.INTERRUPTED, plant="/b"))
+    tried = Candidate(0, {}, (*trials, trial(2, Outcome.OK, 1.0, plant="/c")))
+    assert is_for_another(tried, "/a", ["/a", "/b", "/c"])
+    assert is_for_another(tried, "/b", ["/a", "/b", "/c"])
+    assert not is_for_another(tried, "/c", ["/a", "/b", "/c"])
+    assert not is_for_another(tried, "/a", ["/a", "/b"])
+
+
+def test_trials_are_put_together_by_candidate_and_the_first_of_equals_is_the_fastest() -> None:
+    mixed = [trial(0, Outcome.OK, 1.0, 1), trial(1, Outcome.OK, 3.0), trial(2, Outcome.OK, 5.0, 1)]
+    found = candidates(mixed)
+    assert [(each.number, [one.number for one in each.trials]) for each in found] == [(0, [1]), (1, [0, 2])]
+    assert fastest(found) is found[0]
+    assert fastest([with_scores(None)]) is None
