@@ -319,6 +319,20 @@ def test_repeats_of_a_fin_are_averaged(folder: Path) -> None:
     assert [candidate.score for candidate in study.candidates] == [pytest.approx(0.03)]
 
 
+def test_the_best_fin_is_so_by_the_mean_of_all_that_it_has_swum_by_now(folder: Path) -> None:
+    """After 0.03 and 0.01 m/s it is no better than one that swam 0.025 m/s."""
+    study = Study.create(folder, Settings(SPACE, Policy(repeats=2)))
+    seen = []
+    for candidate, score in ((0, 0.03), (1, 0.025), (0, 0.01), (1, 0.027)):
+        record = study.propose(candidate, {MODULUS: (1 + candidate) * 1e9})
+        study.start(record.number)
+        study.finish(record.number, ok(score))
+        best = study.best()
+        assert best is not None
+        seen.append((best.number, best.score))
+    assert seen == [(0, 0.03), (0, 0.03), (1, 0.025), (1, pytest.approx(0.026))]
+
+
 def test_a_fin_that_failed_never_becomes_the_one_to_step_from(folder: Path) -> None:
     study = Study.create(folder, SETTINGS)
     for result in (FAILED, FAILED, ok(0.01), INFEASIBLE):
