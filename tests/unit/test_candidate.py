@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fin_optimizer.study.candidate import Candidate, TrialRecord, candidates, fastest, is_for_another
+from fin_optimizer.study.candidate import Candidate, TrialRecord, candidates, fastest, front, is_for_another, rank
 from fin_optimizer.study.settings import Policy
 from fin_optimizer.trial.result import Outcome
 
@@ -78,3 +78,14 @@ def test_trials_are_put_together_by_candidate_and_the_first_of_equals_is_the_fas
     assert [(each.number, [one.number for one in each.trials]) for each in found] == [(0, [1]), (1, [0, 2])]
     assert fastest(found) is found[0]
     assert fastest([with_scores(None)]) is None
+
+
+def test_candidates_are_ranked_by_speed_then_by_number_and_those_without_a_score_come_last() -> None:
+    slow, fast, same, none = (with_scores(score, number=n) for n, score in enumerate((-1.0, 2.0, 2.0, None)))
+    assert sorted([fast, none, slow, same], key=rank, reverse=True) == [fast, same, slow, none]
+
+
+def test_the_front_is_shown_from_the_fastest_on() -> None:
+    """A trial's energy is ten times its speed here, so that none is better than another in both."""
+    tried = [with_scores(score, number=n) for n, score in enumerate((1.0, 3.0, None, 2.0))]
+    assert [each.number for each in front(tried)] == [1, 3, 0]

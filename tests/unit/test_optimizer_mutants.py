@@ -25,6 +25,7 @@ TESTS = {
     "score/mean_speed": ["test_score_limits.py", "test_score.py"],
     "trial/trial": ["test_trial.py"],
     "trial/phases": ["test_trial.py"],
+    "study/candidate": ["test_candidate.py"],
 }
 LARGEST = {"score/mean_speed": 170, "trial/phases": 140}
 """How many mutants are tried, where there are too many for all: a drawn but fixed choice."""
