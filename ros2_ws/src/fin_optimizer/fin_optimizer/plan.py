@@ -156,29 +156,21 @@ def _varied(values: Mapping[str, Any]) -> dict[str, _Varied]:
     return varied
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """Which search is asked for: the parameters ``search.<name>``."""
-
-    algorithm: str
-    population: int
-
-
 def _search(values: Mapping[str, Any], space: Space, deviations: Mapping[str, float], objective: Objective) -> Search:
-    asked, seed = _built(_Asked, values, "search."), values["seed"]
-    if asked.algorithm == "hill_climber":
+    algorithm, population, seed = values["search.algorithm"], values["search.population"], values["seed"]
+    if algorithm == "hill_climber":
         return HillClimber(space, seed, deviations)
     if objective is Objective.SPEED_AND_COST:
-        msg = f"search.algorithm = {asked.algorithm} knows one objective only: use hill_climber for {objective}"
+        msg = f"search.algorithm = {algorithm} knows one objective only: use hill_climber for {objective}"
         raise ValueError(msg)
     # Both take longer to load than a study with the hill climber should wait.
     from fin_optimizer.search.cma_es import CmaEs  # noqa: PLC0415
     from fin_optimizer.search.genetic import GeneticAlgorithm  # noqa: PLC0415
 
-    if asked.algorithm == "cma_es":
-        return OneByOne(CmaEs(space, seed, asked.population or None))
+    if algorithm == "cma_es":
+        return OneByOne(CmaEs(space, seed, population or None))
     genetic = GeneticAlgorithm(space, seed, deviations)
-    return OneByOne(replace(genetic, population=asked.population or genetic.population))
+    return OneByOne(replace(genetic, population=population or genetic.population))
 
 
 def _plants(names: Sequence[str]) -> tuple[str, ...]:

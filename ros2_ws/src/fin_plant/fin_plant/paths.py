@@ -25,12 +25,3 @@ def given_path(text: str) -> Path:
         msg = f"{text}: {home} is nobody's home here: give the whole path, or ./{text} for a folder of that name"
         raise UnknownHomeError(msg)
     return Path(path)
-
-
-def given_name(text: str) -> str:
-    """Return `given_path` as text, for what may also be `-`.
-
-    Raises:
-        UnknownHomeError: As there.
-    """
-    return str(given_path(text))

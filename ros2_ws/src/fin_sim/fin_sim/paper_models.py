@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from fin_plant import checks
 from fin_plant.gait import PAPER_GAIT, Gait
 from fin_sim.swim import PAPER_FISH, Swim, swim
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from fin_plant.fin import Fin
     from fin_sim.chain import Reactive
     from fin_sim.fish import Fish
@@ -46,7 +49,12 @@ def speed_from_thrust(thrust: float, drag_area: float, density: float = 1000.0) 
     checks.number("thrust", thrust, unit="N")
     checks.number("drag_area", drag_area, 0.0, unit="m^2", exclusive_minimum=True)
     checks.number("density", density, 0.0, unit="kg/m^3", exclusive_minimum=True)
-    return math.sqrt(2.0 * max(thrust, 0.0) / (density * drag_area))
+    return float(speeds_from_thrust(np.array(thrust), drag_area, density))
+
+
+def speeds_from_thrust(thrust: NDArray[np.float64], drag_area: float, density: float) -> NDArray[np.float64]:
+    """Return `speed_from_thrust` of many thrusts, of any shape; NaN where there is none."""
+    return np.asarray(np.sqrt(2.0 * np.maximum(thrust, 0.0) / (density * drag_area)))
 
 
 def mathematical_model(

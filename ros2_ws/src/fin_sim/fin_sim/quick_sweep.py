@@ -7,13 +7,12 @@ of a body that yaws.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from fin_sim.batch import Status, swim_batch
-from fin_sim.sweep import FIGURES, Figure, Swum, cores_of_process
+from fin_sim.sweep import FIGURES, Figure, Swum, swimming_threads
 from fin_sim.swim_result import measured_beats
 
 if TYPE_CHECKING:
@@ -135,13 +134,10 @@ def swim_quickly(plans: Sequence[SwimPlan], cores: int | None = None) -> Iterato
         ValueError: A plan that does not swim in a batch.
     """
     refuse_slow(plans)
-    executor = ThreadPoolExecutor(cores or cores_of_process(), "swim")
-    places: list[tuple[Future[list[Swum]], int] | None] = [None] * len(plans)
-    try:
+    places: dict[int, tuple[Future[list[Swum]], int]] = {}
+    with swimming_threads(cores) as executor:
         for batch in _batches(plans):
             future = executor.submit(_swim, [plans[index] for index in batch])
-            for row, index in enumerate(batch):
-                places[index] = (future, row)
-        yield (place[0].result()[place[1]] for place in places if place is not None)
-    finally:
-        executor.shutdown(cancel_futures=True)
+            places |= {index: (future, row) for row, index in enumerate(batch)}
+        ordered = (places[index] for index in range(len(plans)))
+        yield (future.result()[row] for future, row in ordered)

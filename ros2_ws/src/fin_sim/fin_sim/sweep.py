@@ -322,6 +322,17 @@ def cores_of_process() -> int:
 
 
 @contextlib.contextmanager
+def swimming_threads(cores: int | None) -> Iterator[ThreadPoolExecutor]:
+    """Yield threads to swim in, one a core if None; what they have not begun at the end is not swum."""
+    # The kernel runs beside other threads of Python; threads of the matrix exponential would only get in their way.
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores or cores_of_process(), "swim") as executor:
+        try:
+            yield executor
+        finally:
+            executor.shutdown(cancel_futures=True)
+
+
+@contextlib.contextmanager
 def swim_all(plans: Sequence[SwimPlan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
     """Swim plans on all cores; yield their outcomes in order. What is not asked for any more is not swum.
 
@@ -329,9 +340,5 @@ def swim_all(plans: Sequence[SwimPlan], cores: int | None = None) -> Iterator[It
         plans: To swim.
         cores: Swims at a time; as many as this process may use if None.
     """
-    # The kernel runs beside other threads of Python; threads of the matrix exponential would only get in their way.
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(cores or cores_of_process(), "swim") as executor:
-        try:
-            yield executor.map(swim_one, plans)
-        finally:
-            executor.shutdown(cancel_futures=True)
+    with swimming_threads(cores) as executor:
+        yield executor.map(swim_one, plans)

@@ -115,15 +115,7 @@ def velocity_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDAr
 
 
 VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
-
-
 _HEADER_TYPE = "std_msgs/msg/Header"
-
-
 _STAMP_END = 12  # bytes: 4 of CDR encapsulation, 4 of seconds, 4 of nanoseconds
-
-
 _LAST_SECOND = 2**31 - 1  # that a ROS time holds
-
-
 _LITTLE_ENDIAN, _BIG_ENDIAN = struct.Struct("<iI"), struct.Struct(">iI")

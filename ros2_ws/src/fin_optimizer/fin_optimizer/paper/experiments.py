@@ -22,6 +22,7 @@ from fin_plant import checks
 from fin_plant.fin import Fin, scaled_to_area
 from fin_plant.gait import PAPER_GAIT
 from fin_sim import PAPER_FISH, swim_batch
+from fin_sim.paper_models import speeds_from_thrust
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -147,8 +148,7 @@ def model_speeds(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float6
         clamp="fixed",
         threads=1,
     )
-    drag = PAPER_FISH.water.density * PAPER_FISH.body.drag_area
-    return np.sqrt(2.0 * np.maximum(held.thrust, 0.0) / drag)
+    return speeds_from_thrust(held.thrust, PAPER_FISH.body.drag_area, PAPER_FISH.water.density)
 
 
 def _table(values: Sequence[Mapping[str, NDArray[np.float64]]], scores: Sequence[NDArray[np.float64]]) -> Table:

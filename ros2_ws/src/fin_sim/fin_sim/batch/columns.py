@@ -19,8 +19,6 @@ FinColumns = Mapping[str, "ArrayLike"]
 
 
 PROFILE = ("profile_position", "profile_height")
-
-
 NAMES = tuple(item.name for item in fields(Fin))
 
 

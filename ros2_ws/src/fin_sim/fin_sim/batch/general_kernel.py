@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from fin_sim.batch.task import Task
 
 GENERAL_STEP = 5e-3
-
-
 GENERAL_STEPS_A_BEAT, GENERAL_RAMP_STEPS = 100.0, 16.0
 """First step of the fish that swim by the general kernel: at most so long in s, in parts of a beat and of the ramp."""
 _HALVINGS = 6

@@ -16,11 +16,7 @@ if TYPE_CHECKING:
     from fin_sim.batch.task import Task
 
 _PROVEN_AMPLITUDE = (0.17, 0.28)  # rad
-
-
 _PROVEN_BEATS, _PROVEN_RAMP_BEATS, _PROVEN_DAMPING_BEATS, _PROVEN_STEP = 7.9, 0.44, 0.0085, 1.0 / 55.0
-
-
 _PROVEN_FREQUENCY_RATIO, _PROVEN_SEGMENTS, _PROVEN_MASS_RATIO = 0.15, 4, 0.05
 PROVEN_ANGLE = 0.25 * np.pi
 """Largest hinge angle up to which a fin that `proven_fins` names needs no second swim, rad."""

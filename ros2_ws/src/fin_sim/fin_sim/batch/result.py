@@ -90,6 +90,4 @@ class BatchSwim:
 
 
 FIGURES = tuple(item.name for item in fields(BatchSwim) if item.name not in {"fins", "status"})
-
-
 LARGEST_ANGLE = FIGURES.index("largest_hinge_angle")

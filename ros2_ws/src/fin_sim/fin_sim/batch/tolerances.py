@@ -17,15 +17,9 @@ if TYPE_CHECKING:
 
 TOLERANCES = {"mean_speed": 1e-3, "mean_forward_speed": 1e-3, "thrust": 3e-3, "servo_power": 3e-3}
 """Largest error of a figure, relative to its size or, where it is nearly 0, to its floor in `error_floors`."""
-
-
 _SPEED_FLOOR, _FORCE_FLOOR = 1e-3, 1e-2
-
-
 _PAIR, _TRIPLE = 0.1, (1.5, 0.4)
 """Converged are two swims that differ by so much of the tolerance, or three that differ by so much in turn."""
-
-
 _CHECKED = [FIGURES.index(name) for name in TOLERANCES]
 
 
