@@ -37,7 +37,7 @@ _STUDY_DEFAULTS: dict[str, Value] = {"speed": 0.0}
 _SIMULATOR_DEFAULTS: dict[str, Value] = {"command_timeout": 5.0}
 # Of several simulated fish the first one's time is the graph's.
 _LATER_FISH: dict[str, Value] = {"publish_clock": False}
-# The paper swam each fin of its robot three times; a simulated swim repeats but for its last digits. Empty asks for this.
+# The paper swam each fin of its robot three times; a simulated swim repeats but for its last digits. Empty asks so.
 _REPEATS = {"robot": "3"}
 
 
