@@ -16,6 +16,7 @@ from fin_optimizer.score.recorded import score_bag
 from fin_plant.fin import Fin
 from fin_plant.plant_state import State
 from fin_sim import swim
+from fin_sim.batch import swim_batch
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -75,9 +76,9 @@ def test_the_demo_finds_the_best_fin_and_its_bags_are_complete(start: Callable[.
     assert [int(trial["fin"]) for trial in trials] == list(range(1, 31))
 
     grid = np.arange(0.5e9, 4.0e9, 0.025e9)
-    sweep = [swim(Fin(young_modulus=float(modulus))).mean_forward_speed for modulus in grid]
+    speeds = swim_batch({"young_modulus": grid}).mean_forward_speed
     best = max(trials, key=lambda trial: float(trial["speed [m/s]"]))
-    optimum = float(grid[int(np.argmax(sweep))])
+    optimum = float(grid[int(np.argmax(speeds))])
     assert float(best["fin.young_modulus [Pa]"]) == pytest.approx(optimum, rel=0.15)
     # The node swims what the function swims.
     alone = swim(Fin(young_modulus=float(best["fin.young_modulus [Pa]"]))).mean_forward_speed
@@ -87,6 +88,7 @@ def test_the_demo_finds_the_best_fin_and_its_bags_are_complete(start: Callable[.
     for number, trial in enumerate(trials):
         bag = folder / trial["bag"]
         assert score_bag(bag)[0].value == float(trial["speed [m/s]"])
-        if number % 10 == 0:  # decoding a bag in Python takes seconds
-            assert dict(counts_in_window(with_rosbags(bag))) == expected
-            assert dict(counts_in_window(with_mcap(bag))) == expected
+        # Decoding a bag in Python takes seconds: the first and the last one, each by another program.
+        if number in {0, len(trials) - 1}:
+            decoded = with_rosbags(bag) if number else with_mcap(bag)
+            assert dict(counts_in_window(decoded)) == expected

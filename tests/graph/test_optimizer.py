@@ -184,14 +184,14 @@ def check_bag(folder: Path, row: dict[str, str]) -> None:
 def test_a_study_in_two_parts_tries_the_fins_of_one_in_a_single_part(start: Start, tmp_path: Path) -> None:
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
-    assert start_optimizer(start, whole, "trials:=5", *SHORT).wait(90) == 0
-    assert start_optimizer(start, parts, "trials:=2", *SHORT).wait(90) == 0
-    again = start_optimizer(start, parts, "trials:=5", *SHORT)
+    assert start_optimizer(start, whole, "trials:=3", *SHORT).wait(90) == 0
+    assert start_optimizer(start, parts, "trials:=1", *SHORT).wait(90) == 0
+    again = start_optimizer(start, parts, "trials:=3", *SHORT)
     assert again.wait(90) == 0
-    assert "going on after 2 trials" in again.output()
+    assert "going on after 1 trial," in again.output()
     for column in (MODULUS, "speed [m/s]"):
         assert [row[column] for row in table(parts)] == [row[column] for row in table(whole)]
-    other = start_optimizer(start, parts, "trials:=5", "seed:=2", *SHORT)
+    other = start_optimizer(start, parts, "trials:=3", "seed:=2", *SHORT)
     assert other.wait(60) == 2
     assert "was begun with other settings: seed is 1 there and 2 here" in other.output()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from fin_sim.batch.equations import (
 )
 from fin_sim.batch.lanes import lane_figures
 from fin_sim.batch.links import lane_constants, link_columns
+from fin_sim.batch.proven import proven_fins
 from fin_sim.batch.result import FIGURES
 from fin_sim.batch.task import checked_task
 from fin_sim.batch.window import window_weights
@@ -51,7 +53,7 @@ from fin_sim.chain import (
     build_chain,
 )
 from fin_sim.fish import Fish, Link
-from fin_sim.swim import PAPER_FISH, swim
+from fin_sim.swim import PAPER_FISH, RAMP_TIME, swim
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -246,14 +248,21 @@ def test_thrust_and_power_of_a_held_body_are_those_of_single_swims(clamp: Clamp)
 
 
 @pytest.mark.parametrize("precision", ["double", "single"])
-def test_a_fin_swims_the_same_alone_in_any_batch_and_on_any_number_of_threads(precision: Precision) -> None:
-    moduli = np.linspace(5e8, 4e9, 4101)
-    columns = {"young_modulus": moduli, "length": np.array(0.06)}
-    together = swim_batch(columns, duration=1.0, precision=precision, threads=2)
-    apart = swim_batch(columns, duration=1.0, precision=precision, threads=1)
+@pytest.mark.parametrize(("count", "block", "duration"), [(4101, 2048, 10.0), (37, 16, 1.0)])
+def test_a_fin_swims_the_same_alone_in_any_batch_and_on_any_number_of_threads(
+    count: int, block: int, duration: float, precision: Precision, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both in windows whose fins are proven and in those, 300 times as dear, whose fins swim until they converge."""
+    monkeypatch.setattr(import_module("fin_sim.batch.swim_batch"), "_BLOCK", block)
+    columns = {"young_modulus": np.linspace(5e8, 4e9, count), "length": np.array(0.06)}
+    task = checked_task(PAPER_FISH, PAPER_GAIT, duration, "distributed", "free", 0.0, RAMP_TIME, 0.0, None, precision)
+    assert (proven_fins(task, fin_columns(columns)) == (duration == 10.0)).all()
+    together = swim_batch(columns, duration=duration, precision=precision, threads=2)
+    apart = swim_batch(columns, duration=duration, precision=precision, threads=1)
     assert np.array_equal(together.mean_speed, apart.mean_speed)
-    for index in (0, 7, 2048, 4100):
-        alone = swim_batch([Fin(young_modulus=moduli[index], length=0.06)], duration=1.0, precision=precision)
+    for index in (0, 7, block, count - 1):
+        fin = Fin(young_modulus=columns["young_modulus"][index], length=0.06)
+        alone = swim_batch([fin], duration=duration, precision=precision)
         assert alone.mean_speed[0] == together.mean_speed[index]
 
 
