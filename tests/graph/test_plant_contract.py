@@ -201,6 +201,8 @@ def test_the_state_carries_the_fin_and_a_stamp(plant: Plant) -> None:
     assert set(state.fin) == set(FIN_PARAMETERS)
     assert float(state.fin["fin.length"]) == 0.08
     assert state.stamp > 0
+    # Of a rehearsal the optimiser learns nothing that a robot would not tell.
+    assert (state.slowest_pace, state.starts_at_rest) == ((0.01, True) if kind.name == "simulator" else (0.5, False))
 
 
 def test_streams_flow_before_a_swim_at_their_rates_with_frames_and_rising_stamps(plant: Plant) -> None:

@@ -56,9 +56,6 @@ EQUIVALENT = {
         "__init__: 0.0 -> 1.0": "the first phase sets it before anybody asks",
         "has: 0 -> 1": "the first phase has no rule",
         "has: self._index >= 0 -> self._index > 0": "the first phase has no rule",
-        "_trouble: facts.cut_gait if self.has(Rule.WHOLE_GAIT) else '' -> facts.cut_gait": (
-            "no phase without the rule looks it up"
-        ),
         "looks_up: frozenset() if self._index < 0 else PHASES[self._index].looks_up -> PHASES[self._index].looks_up": (
             "the last phase looks up nothing"
         ),

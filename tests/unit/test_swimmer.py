@@ -279,7 +279,34 @@ def test_facts_that_cost_much_are_taken_only_in_phases_that_ask_for_them(tank: T
     assert "limits.frequency = 0.5 Hz) would cut the gait" in observer.look({"cut_gait"}, None).cut_gait
 
 
-@pytest.mark.parametrize(("kind", "pace"), [("simulator", 0.01), ("robot", 0.5)])
-def test_a_robot_keeps_the_walls_time_and_a_simulator_need_not(tank: Tank, kind: str, pace: float) -> None:
-    tank.fish.state = PlantState(State.READY, kind, 1)
-    assert tank.swimmer._observer.look(frozenset(), None).least_pace == pace
+@pytest.mark.parametrize("kind", ["simulator", "robot", "another"])
+@pytest.mark.parametrize(
+    ("told", "pace", "drift"),
+    [
+        ({}, 0.5, 0.2),
+        ({"slowest_pace": "0.01"}, 0.01, 0.2),
+        ({"starts_at_rest": "false"}, 0.5, 0.2),
+        ({"starts_at_rest": "true"}, 0.5, 0.0),
+    ],
+)
+def test_pace_and_rest_are_what_the_plant_tells_whatever_its_kind(
+    tank: Tank, kind: str, told: dict[str, str], pace: float, drift: float
+) -> None:
+    tank.fish.state = PlantState(State.READY, kind, 1, details=told)
+    tank.fish.velocities = [bags.velocity(number * NANOSECONDS // 100, 0.2) for number in range(1, 101)]
+    facts = tank.swimmer._observer.look({"drift"}, None)
+    assert facts.least_pace == pace
+    assert facts.drift == pytest.approx(drift)
+
+
+@pytest.mark.parametrize("told", ["", "fast", "nan", "inf", "-1", "0", "0,01"])
+def test_a_pace_that_is_none_is_refused_with_its_name(told: str) -> None:
+    with pytest.raises(ValueError, match="slowest_pace"):
+        PlantState(State.READY, "another", 1, details={"slowest_pace": told})
+
+
+@pytest.mark.parametrize("told", ["", "wide", "nan", "-1"])
+@pytest.mark.parametrize("name", ["limits.sweep", "limits.frequency"])
+def test_a_limit_that_is_none_is_refused_with_its_name(name: str, told: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        PlantState(State.READY, "another", 1, details={name: told})

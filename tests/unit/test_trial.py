@@ -328,7 +328,6 @@ def test_a_plant_that_stops_without_a_reason_is_told_from_one_that_gives_one() -
 
 
 NOT_TO_THE_END = {
-    Rule.WHOLE_GAIT: ["wait until it is at rest"],
     Rule.VELOCITY: ["open the bag", "wait until the water is still", "settle", "measure", "stop the gait", "score"],
     Rule.SWIMS: ["settle", "measure"],
 }
@@ -633,6 +632,7 @@ def test_a_swim_counts_only_once_the_plant_has_said_which_gait_it_swims() -> Non
 
 
 def test_a_gait_that_the_plant_would_cut_never_starts() -> None:
+    assert [phase.name for phase in PHASES if "cut_gait" in phase.looks_up] == ["wait until it is at rest"]
     rehearsal = Rehearsal()
     rehearsal.reach("wait until it is at rest")
     rehearsal.seen.cut_gait = "the plant's limits would cut the gait"

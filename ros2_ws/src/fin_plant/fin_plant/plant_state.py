@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
+from fin_plant import checks
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -16,6 +18,12 @@ RELEASE = "release"
 """What it waits for then, in the detail ``waiting_for``."""
 LIMITS = ("limits.sweep", "limits.frequency")
 """Details of every plant: largest angle of a driven joint in rad and highest frequency in Hz to which a gait is cut."""
+SLOWEST_PACE = "slowest_pace"
+"""Detail of a plant that need not keep the wall's time: s of its own that it swims at least in one of the wall's."""
+STARTS_AT_REST = "starts_at_rest"
+"""Detail of a plant whose reset leaves fish and water at rest: ``true``. Of any other, its velocity has to tell."""
+PACE_OF_A_ROBOT = 0.5
+"""A real fish keeps the wall's time; half of it leaves room for a tracker that stutters."""
 
 
 class State(StrEnum):
@@ -39,6 +47,9 @@ class PlantState:
         reason: Why, for FAULT and the waiting states.
         fin: The fin mounted, as parameters by name.
         details: Further facts, by name; ``waiting_for`` is what somebody must do at the plant.
+
+    Raises:
+        ValueError: One of `LIMITS` or `SLOWEST_PACE` is no number that it can be.
     """
 
     state: State
@@ -47,6 +58,36 @@ class PlantState:
     reason: str = ""
     fin: Mapping[str, str] = field(default_factory=dict)
     details: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in LIMITS:
+            self._number(name, 0.0)
+        checks.number(SLOWEST_PACE, self.slowest_pace, 0.0, exclusive_minimum=True)
+
+    def _number(self, name: str, untold: float) -> float:
+        """Return a detail that is a number of 0 or more.
+
+        Raises:
+            ValueError: It is none.
+        """
+        if name not in self.details:
+            return untold
+        try:
+            value = checks.read_number(self.details[name])
+        except ValueError as error:
+            msg = f"{name} = {self.details[name]!r} must be a number: {error}"
+            raise ValueError(msg) from error
+        return checks.number(name, value, 0.0)
+
+    @property
+    def slowest_pace(self) -> float:
+        """Seconds of its own time that the plant swims at least in a second of the wall's."""
+        return self._number(SLOWEST_PACE, PACE_OF_A_ROBOT)
+
+    @property
+    def starts_at_rest(self) -> bool:
+        """Whether a reset leaves fish and water at rest, so that nobody need wait for it."""
+        return self.details.get(STARTS_AT_REST) == "true"
 
     @property
     def waits_for_people(self) -> bool:

@@ -27,7 +27,7 @@ from fin_plant.messages import (
     time_message,
 )
 from fin_plant.node_parameters import NodeParameters, create_node
-from fin_plant.plant_state import EMERGENCY, LIMITS, RELEASE, PlantState, State
+from fin_plant.plant_state import EMERGENCY, LIMITS, RELEASE, SLOWEST_PACE, STARTS_AT_REST, PlantState, State
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
@@ -54,6 +54,8 @@ _LARGEST_BACKLOG = topics.STREAM.depth // 2
 _ASKED_BACKLOG = _LARGEST_BACKLOG // 2
 _ACKNOWLEDGE_WAIT = Duration(seconds=0.02)
 _HANGING_AFTER = 2.0
+_SLOWEST_PACE = 0.01
+"""Seconds that the fish swims at least in a second of the wall clock, however busy the machine."""
 _NO_WAIT = Duration(seconds=0.0)
 
 
@@ -173,6 +175,7 @@ class Simulator:
         )
         fin = {name: as_text(value) for name, value in self._values.items() if name.startswith("fin.")}
         details = {name: as_text(self._values[name]) for name in LIMITS}
+        details |= {SLOWEST_PACE: as_text(_SLOWEST_PACE), STARTS_AT_REST: "true"}
         if self._stopped:
             details["waiting_for"] = RELEASE
         reason = "; ".join(filter(None, (self._reason, self._parameters.awaited)))

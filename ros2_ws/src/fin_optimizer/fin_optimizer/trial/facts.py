@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from fin_plant.plant_state import PACE_OF_A_ROBOT
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
@@ -40,7 +42,7 @@ class Facts:
         fin_reply: Answer to SET_FIN, None until it has come.
         reset_reply: Answer to RESET or RECOVER, likewise.
         other_fish: Why the plant's fish is not that of the study, or empty; None until the plant has told what swims.
-        cut_gait: What the plant's limits would make of the gait, or empty.
+        cut_gait: What the plant's limits would make of the gait, or empty; anything else ends the trial.
         follows_a_gait: Whether the plant has said, since GAIT_ON, which gait it follows.
         other_gait: Why the plant swims another gait than the one asked for, or empty.
         tail_angle: Largest angle of a driven joint in rad, as said last; None before.
@@ -71,7 +73,7 @@ class Facts:
     unmatched_topics: Sequence[str] = ()
     newest_velocity: int | None = None
     velocities: int = 0
-    least_pace: float = 0.5
+    least_pace: float = PACE_OF_A_ROBOT
     drift: float | None = None
     late_topics: Sequence[str] = ()
     recorder_failure: str = ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fin_optimizer.parameters import SIMULATOR
 from fin_plant.gait import COLUMNS
 from fin_plant.plant_state import LIMITS
 
@@ -14,11 +13,6 @@ if TYPE_CHECKING:
 
 _ROUNDING = 1e-4
 """Relative difference of two numbers that are meant to be one: people write 0.2618 rad for 15 degrees."""
-
-
-def is_simulated(state: PlantState | None) -> bool:
-    """Whether the plant has said that it is a simulator."""
-    return state is not None and state.plant == SIMULATOR
 
 
 def other_gait(applied: Gait, asked: Gait) -> str:

@@ -9,10 +9,11 @@ from fin_optimizer.bags.messages import velocity_samples
 from fin_optimizer.score.mean_speed import recent_speed
 from fin_optimizer.score.swim import tail_angle
 from fin_optimizer.trial.facts import Facts
-from fin_optimizer.trial.gait_check import cut_gait, is_simulated, other_gait
+from fin_optimizer.trial.gait_check import cut_gait, other_gait
 from fin_optimizer.trial.silence import silence
 from fin_plant import topics
 from fin_plant.discovery import ends_of, look_around, nobody_hears, wanted
+from fin_plant.plant_state import PACE_OF_A_ROBOT
 
 if TYPE_CHECKING:
     from collections.abc import Container, Sequence
@@ -41,8 +42,6 @@ _STREAMS = (*_ALWAYS_STREAMED, *_RECORDED_IF_THERE)
 _AS_PROMISED = (topics.PLANT_STATE.name, topics.GAIT_APPLIED.name)
 """Topics of which who comes later must get the last message."""
 _BY_NAME = {topic.name: wanted(topic) for topic in topics.RECORDED_TOPICS}
-_SLOWEST_SIMULATION = 0.01
-_SLOWEST_ROBOT = 0.5
 _MANY_VELOCITIES = 500
 """The last 0.5 s of a tracker with 1 kHz."""
 
@@ -81,7 +80,7 @@ class Observer:
             unmatched_topics=self._unmatched_topics() if "unmatched_topics" in looks_up else (),
             newest_velocity=recorder.newest_stamp(topics.VELOCITY),
             velocities=recorder.received(topics.VELOCITY),
-            least_pace=_SLOWEST_SIMULATION if is_simulated(state) else _SLOWEST_ROBOT,
+            least_pace=state.slowest_pace if state is not None else PACE_OF_A_ROBOT,
             drift=self._drift(state) if "drift" in looks_up else None,
             late_topics=self._late_topics(window) if "late_topics" in looks_up else (),
             recorder_failure=recorder.failure or "",
@@ -116,8 +115,8 @@ class Observer:
         return [self._full(name) for name in sorted({*self._recorder.unmatched(required), *silent})]
 
     def _drift(self, state: PlantState | None) -> float | None:
-        """Return the mean forward speed in m/s of late; a simulator puts its fish at rest."""
-        if is_simulated(state):
+        """Return the mean forward speed in m/s of late; 0 for a plant whose reset puts the fish at rest."""
+        if state is not None and state.starts_at_rest:
             return 0.0
         return recent_speed(*velocity_samples(self._recorder.messages(topics.VELOCITY)[-_MANY_VELOCITIES:]))
 

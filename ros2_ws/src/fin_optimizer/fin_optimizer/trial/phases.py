@@ -50,8 +50,6 @@ class Rule(Flag):
 
     ONE_PLANT = auto()
     """A second plant ends the trial."""
-    WHOLE_GAIT = auto()
-    """A plant whose limits would cut the gait ends the trial."""
     NO_FAULT = auto()
     """A fault ends the trial; before, it is an earlier trial's, and the trial's first care is to clear it."""
     SAME_PLANT = auto()
@@ -66,7 +64,7 @@ class Rule(Flag):
     """The fish swims: only time that it has swum is progress, and a plant that stops ends the trial."""
 
 
-ONE_PLANT, WHOLE_GAIT, NO_FAULT, SAME_PLANT = Rule.ONE_PLANT, Rule.WHOLE_GAIT, Rule.NO_FAULT, Rule.SAME_PLANT
+ONE_PLANT, NO_FAULT, SAME_PLANT = Rule.ONE_PLANT, Rule.NO_FAULT, Rule.SAME_PLANT
 SAME_FIN, ATTEMPT, VELOCITY, SWIMS = Rule.SAME_FIN, Rule.ATTEMPT, Rule.VELOCITY, Rule.SWIMS
 
 
@@ -317,7 +315,7 @@ PHASES: tuple[Phase, ...] = (
         done=lambda _, facts: is_in(facts, State.READY, *_WAITING),
         patience="plant",
         missing=lambda course, facts: f"{says(course, facts)}, needed is READY",
-        rules=ONE_PLANT | WHOLE_GAIT,
+        rules=ONE_PLANT,
         looks_up=frozenset({"cut_gait"}),
     ),
     Phase(

@@ -159,8 +159,7 @@ class Trial:
             return facts.recorder_failure
         if self.has(Rule.ONE_PLANT) and len(facts.plants) > 1:
             return no_plant(self.course, facts)
-        cut = facts.cut_gait if self.has(Rule.WHOLE_GAIT) else ""
-        if other := facts.other_fish or cut or (not self._gait_is_on and self._other_gait):
+        if other := facts.other_fish or facts.cut_gait or (not self._gait_is_on and self._other_gait):
             return other
         if self.has(Rule.NO_FAULT) and is_in(facts, State.FAULT):
             return says(self.course, facts)
