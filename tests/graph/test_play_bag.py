@@ -16,7 +16,8 @@ from std_srvs.srv import Trigger
 from fin_optimizer.bags.messages import header_stamp
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.bags.writer import BagWriter
-from fin_optimizer.commands.play_bag import Display, Player, parser
+from fin_optimizer.commands.play_bag import Player, parser
+from fin_optimizer.play_display import PlayDisplay
 from fin_optimizer.score.mean_speed import Measurement, score
 from fin_optimizer.score.recorded import recorded_swim, score_bag
 from fin_optimizer.score.swim import start_of_swim
@@ -284,7 +285,7 @@ def test_a_terminal_shows_how_far_the_playing_is_unless_it_is_to_be_quiet(
     monkeypatch.setenv("COLUMNS", "120")
     screen = Terminal()
     monkeypatch.setattr("sys.stdout", screen)
-    display = Display(10.0, quiet=quiet)
+    display = PlayDisplay(10.0, quiet=quiet)
     display.say("playing a bag")
     display.show(1.0, 5.0, 1, paused=False)
     display.end("played 7 messages")

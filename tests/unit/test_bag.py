@@ -275,6 +275,24 @@ for index in range(100_000):
 """
 
 
+def test_what_is_written_is_on_the_disk_after_half_a_second_of_the_clock(tmp_path: Path) -> None:
+    now = [100.0]
+    writer = BagWriter(tmp_path / "bag", TOPICS, METADATA, clock=lambda: now[0])
+    for index in range(150):
+        writer.write(VELOCITY.name, velocity(START + index * STEP, 0.1))
+        if index >= 64:
+            assert read_bag(tmp_path / "bag").velocity()[0].size == index // 64 * 64 + 1, index
+        now[0] += bag_module.FLUSH_PERIOD / 64
+    writer.close()
+
+
+def test_a_bag_in_which_nothing_tells_the_time_begins_at_the_walls(tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag", TOPICS, METADATA, wall_clock=lambda: START + 7)
+    writer.write(GAIT.name, gait())
+    summary = writer.close()
+    assert (summary.start_ns, summary.duration_ns) == (START + 7, 0)
+
+
 def test_a_kill_takes_at_most_the_last_second(tmp_path: Path) -> None:
     path = tmp_path / "killed"
     process = subprocess.Popen(

@@ -36,7 +36,7 @@ from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from rclpy.publisher import Publisher
@@ -72,12 +72,16 @@ class Mode(Enum):
 class Optimizer:
     """The node: gives each fish its next trial, keeps the journal, and says how the study goes."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         """Declare parameters, open the study, offer topics and services.
+
+        Args:
+            clock: Time in s, which never goes back.
 
         Raises:
             ValueError: A parameter that is refused, or a study that cannot be gone on with.
         """
+        self._clock = clock
         self.node = Node(OPTIMIZER, namespace=topics.NAMESPACE)
         given = NodeParameters(self.node, OPTIMIZER_PARAMETERS, validate=StudyPlan.from_parameters).values
         self._plan = StudyPlan.from_parameters(given)
@@ -86,11 +90,11 @@ class Optimizer:
         self._exit_code: int | None = None
         self._failures_in_a_row = 0
         self._health_due = self._show_due = 0.0
-        self._start_at = time.monotonic() + _DISCOVERY
+        self._start_at = clock() + _DISCOVERY
         self._metadata = self._study_metadata()
         namespaces = self._plan.plants or [self.node.get_namespace()]
         self._swimmers = [
-            Swimmer.of(self.node, each, self._conditions(), self._plan.minimum_free) for each in namespaces
+            Swimmer.of(self.node, each, self._conditions(), self._plan.minimum_free, clock) for each in namespaces
         ]
         self._announcers = {each: Announcer(self.node, each) for each in namespaces}
         self._records: dict[Swimmer, TrialRecord] = {}
@@ -98,7 +102,8 @@ class Optimizer:
         self._left_out: dict[str, str] = {}
         self._left_out_at = 0.0
         self._offer()
-        self._display = display(sys.stdout, self._total, self._study.settled(), several=len(self._swimmers) > 1)
+        several = len(self._swimmers) > 1
+        self._display = display(sys.stdout, self._total, self._study.settled(), several=several, clock=clock)
         self._greet()
 
     @property
@@ -158,7 +163,7 @@ class Optimizer:
     def step(self) -> float:
         """Do what is due; return how long the executor may wait for a callback."""
         try:
-            return self._step(time.monotonic())
+            return self._step(self._clock())
         except StudyError as error:
             self._give_up(str(error))
             return _IDLE_PERIOD
@@ -236,11 +241,11 @@ class Optimizer:
             return True
         trouble = swimmer.trouble
         before = self._left_out.get(swimmer.namespace, "")
-        if trouble and not before and time.monotonic() - self._start_at < _ARRIVAL:
+        if trouble and not before and self._clock() - self._start_at < _ARRIVAL:
             return False  # it may still be starting
         if trouble and not before:
             self._left_out[swimmer.namespace] = trouble
-            self._left_out_at = time.monotonic()
+            self._left_out_at = self._clock()
             self._display.say(f"{swimmer.namespace} does not take part: {trouble}")
         elif before and not trouble:
             del self._left_out[swimmer.namespace]
@@ -249,7 +254,7 @@ class Optimizer:
 
     def _all_left_out(self) -> None:
         busy = any(swimmer.trial is not None for swimmer in self._swimmers)
-        if not busy and time.monotonic() - self._left_out_at > self._plan.timeouts.find:
+        if not busy and self._clock() - self._left_out_at > self._plan.timeouts.find:
             self._give_up(f"no fish is left: {'; '.join(self._left_out.values())}")
 
     def _end_trials(self) -> None:
@@ -273,7 +278,7 @@ class Optimizer:
             self._give_up(f"{self._failures_in_a_row} trials in a row FAILED or were INTERRUPTED")
 
     def _cancel(self, reason: str) -> None:
-        now = time.monotonic()
+        now = self._clock()
         for swimmer in self._swimmers:
             if result := swimmer.cancel(reason, now):
                 self._unwritten[swimmer] = result

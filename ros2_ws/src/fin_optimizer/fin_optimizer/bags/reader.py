@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import io
 import os
-import struct
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from mcap.exceptions import EndOfFile, McapError
-from mcap.opcode import Opcode
+from mcap.exceptions import EndOfFile
 from mcap.records import Channel, Header, Message, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader
+from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.errors import ReaderError
@@ -29,7 +27,8 @@ from fin_optimizer.bags.files import (
     sqlite_messages,
     sqlite_topics,
 )
-from fin_optimizer.bags.integrity import MAGIC_SIZE, RECORD_HEAD, Findings, check_information
+from fin_optimizer.bags.integrity import MAGIC_SIZE, Findings, check_information
+from fin_optimizer.bags.mcap_records import DAMAGE, goes_on, records, whole_records
 from fin_optimizer.bags.messages import VELOCITY_TYPE, BagError, decode, velocity_samples
 from fin_optimizer.bags.writer import LIBRARY
 
@@ -38,23 +37,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import numpy as np
-    from mcap.records import McapRecord
     from numpy.typing import NDArray
 
-_DAMAGE = (
-    McapError,
-    CRCValidationError,
-    ZstdError,
-    RuntimeError,  # of lz4
-    struct.error,
-    UnicodeDecodeError,
-    OverflowError,
-    MemoryError,
-)
-"""What reading damaged bytes raises: lengths that are none, and texts and blocks that are not what they were."""
-_COMPRESSION = b"\x04\0\0\0zstd"
-"""How a chunk names its compression, behind its record's head, two times, a length and a check sum."""
-_BEFORE_COMPRESSION = RECORD_HEAD.size + 3 * 8 + 4
 _LONGEST_HEADER = 1024  # bytes from the file's beginning; ROS 2 and the optimiser write some sixty
 
 
@@ -300,7 +284,7 @@ def _contents(file: Path) -> _Contents:
     found = Findings(file)
     schemas: dict[int, str] = {}
     channels: dict[int, Channel] = {}
-    for record in _records(file, content):
+    for record in records(file, content):
         if isinstance(record, Message) and record.channel_id not in channels:
             msg = f"bag {file} is damaged: a message of channel {record.channel_id}, which is not described"
             raise BagError(msg)
@@ -310,8 +294,8 @@ def _contents(file: Path) -> _Contents:
         elif isinstance(record, Channel):
             channels[record.id] = record
     topics = [(_recorded(channel, schemas), found.counts[number]) for number, channel in channels.items()]
-    _, length, complete = _whole_records(content)
-    if not complete and _goes_on(content, length):
+    _, length, complete = whole_records(content)
+    if not complete and goes_on(content, length):
         msg = f"bag {file} is damaged at byte {length}, and goes on behind that; its messages cannot be trusted"
         raise BagError(msg)
     guarded = found.check(content[:length], complete=complete)
@@ -335,7 +319,7 @@ def _messages(file: Path) -> Iterator[tuple[str, int, bytes]]:
             yield from sqlite_messages(file)
         return
     channels: dict[int, str] = {}
-    for record in _records(file, content):
+    for record in records(file, content):
         if isinstance(record, Channel):
             channels[record.id] = record.topic
         elif isinstance(record, Message):
@@ -409,7 +393,7 @@ def is_own(path: Path) -> bool:
         first = next(iter(StreamReader(begin).records))
     except EndOfFile:
         return True
-    except _DAMAGE:
+    except DAMAGE:
         return False
     return isinstance(first, Header) and first.library.startswith(LIBRARY)
 
@@ -434,78 +418,3 @@ def _ends_as_closed(file: Path) -> bool:
         size = stream.seek(0, os.SEEK_END)
         stream.seek(max(0, size - MAGIC_SIZE))
         return size > 2 * MAGIC_SIZE and stream.read() == MCAP0_MAGIC
-
-
-def _whole_records(content: bytes) -> tuple[int, int, bool]:
-    """Return where a file's messages end and where its whole records end, in bytes, and whether it was closed.
-
-    A power cut can leave zeros where data were not yet written, also inside the last chunk of a file that was not
-    closed: its messages end before such a chunk, and otherwise with the last one, whatever its index looks like.
-    """
-    size = len(content)
-    end = MAGIC_SIZE
-    chunk = None
-    with io.BytesIO(content) as file:
-        while end + RECORD_HEAD.size <= size:
-            file.seek(end)
-            opcode, length = RECORD_HEAD.unpack(file.read(RECORD_HEAD.size))
-            after = end + RECORD_HEAD.size + length
-            if opcode == 0 or after > size:
-                break
-            if opcode == Opcode.CHUNK:
-                chunk = end, after
-            end = after
-            file.seek(end)
-            if opcode == Opcode.FOOTER and file.read(MAGIC_SIZE) == MCAP0_MAGIC:
-                return end + MAGIC_SIZE, end + MAGIC_SIZE, True
-        if chunk is None:
-            return end, end, False
-        file.seek(chunk[0])
-        if _is_chunk(file.read(chunk[1] - chunk[0])):
-            return chunk[1], end, False
-    return chunk[0], chunk[0], False
-
-
-def _goes_on(content: bytes, end: int) -> bool:
-    """Whether whole chunks follow the end of what can be read: a kill takes away all that was written last."""
-    place = content.find(_COMPRESSION, end)
-    while place >= 0:
-        head = place - _BEFORE_COMPRESSION
-        if head >= end and content[head] == Opcode.CHUNK:
-            after = head + RECORD_HEAD.size + RECORD_HEAD.unpack_from(content, head)[1]
-            if after <= len(content) and _is_chunk(content[head:after]):
-                return True
-        place = content.find(_COMPRESSION, place + 1)
-    return False
-
-
-def _is_chunk(data: bytes) -> bool:
-    """Whether a chunk is as it was written; one without messages never is."""
-    records = StreamReader(io.BytesIO(data), skip_magic=True, validate_crcs=True).records
-    try:
-        return any(isinstance(record, Message) for record in records)
-    except _DAMAGE:
-        return False
-
-
-def _records(path: Path, whole: bytes) -> Iterator[McapRecord]:
-    """Yield the records of an MCAP file up to its end or to where a kill cut it off.
-
-    Args:
-        path: Of the file, for errors.
-        whole: Its plain bytes.
-
-    Raises:
-        BagError: Bytes inside it are damaged.
-    """
-    try:
-        length, _, complete = _whole_records(whole)
-        content = io.BytesIO(whole[:length])
-        try:
-            yield from StreamReader(content, validate_crcs=True).records
-        except EndOfFile:
-            if complete or content.tell() < length:
-                raise
-    except _DAMAGE as error:
-        msg = f"bag {path} is damaged: {type(error).__name__} {error}; its messages cannot be trusted"
-        raise BagError(msg) from error

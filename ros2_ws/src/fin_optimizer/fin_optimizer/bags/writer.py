@@ -31,7 +31,7 @@ from fin_optimizer.bags.messages import BagError, definition, has_header, header
 from fin_optimizer.checksums import CHECK_SUM, sum_of_texts
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
     from pathlib import Path
     from typing import IO
 
@@ -128,6 +128,8 @@ class BagWriter:
             before the first one with a header.
         minimum_free: Bytes that must stay free on the disk, looked at now and at each flush.
         file_name: Of its MCAP file; as rosbag2 names it if left out.
+        clock: Time in s, by which it is flushed.
+        wall_clock: Time in ns since the epoch, for a bag in which no message tells any.
 
     Raises:
         BagError: The folder exists, cannot be made, a message type is not known, or the disk is too full.
@@ -142,7 +144,10 @@ class BagWriter:
         newest_stamp_ns: int | None = None,
         minimum_free: float = 0.0,
         file_name: str = "",
+        clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], int] = time.time_ns,
     ) -> None:
+        self._clock, self._wall_clock = clock, wall_clock
         self.path = path
         self._file_name = file_name or f"{path.name}_0.mcap"
         self._minimum_free = minimum_free
@@ -161,7 +166,7 @@ class BagWriter:
             path.mkdir(parents=True)
             self._file = (path / self._file_name).open("xb")
         self._mcap = Writer(self._file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_data_crcs=True)
-        self._flushed_at = time.monotonic()
+        self._flushed_at = self._clock()
         try:
             with self._failing("write"):
                 lock(self._file)
@@ -259,7 +264,7 @@ class BagWriter:
         Raises:
             BagError: The disk refuses.
         """
-        if time.monotonic() - self._flushed_at >= FLUSH_PERIOD:
+        if self._clock() - self._flushed_at >= FLUSH_PERIOD:
             self.flush()
 
     def flush(self) -> None:
@@ -275,7 +280,7 @@ class BagWriter:
     def _to_disk(self) -> None:
         self._mcap.flush()  # type: ignore[no-untyped-call]
         os.fsync(self._file.fileno())
-        self._flushed_at = time.monotonic()
+        self._flushed_at = self._clock()
 
     def close(self) -> BagSummary:
         """Write index and ``metadata.yaml``; a second call only says the same again.
@@ -295,7 +300,7 @@ class BagWriter:
     def _finish(self) -> BagSummary:
         """Write what is still to write and return what the bag holds."""
         # Without any stamp the bag's own moment is the best that is known.
-        self._write_held(time.time_ns() if self._time.newest is None else self._time.newest)
+        self._write_held(self._wall_clock() if self._time.newest is None else self._time.newest)
         start = self._latest if self._earliest is None else self._earliest
         duration, stamps = self._latest - start, self._time
         summary = BagSummary(

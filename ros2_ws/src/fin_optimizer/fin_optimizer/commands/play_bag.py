@@ -33,6 +33,7 @@ from fin_optimizer.bags.integrity import UNGUARDED
 from fin_optimizer.bags.messages import BagError, decode, has_header, is_known, shift_header
 from fin_optimizer.bags.playback import Playback
 from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.play_display import PlayDisplay
 from fin_plant import checks, node_process, topics
 from fin_plant.discovery import End, ends_of, nobody_hears, policies
 from fin_plant.messages import time_message
@@ -42,7 +43,6 @@ from fin_plant.stamps import NANOSECONDS
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from rich.progress import Progress, TaskID
     from rosbags.interfaces import Qos
 
     from fin_optimizer.bags.reader import Bag
@@ -60,7 +60,6 @@ _DISCOVERY = 0.5
 """s in which whoever listens or publishes already is discovered."""
 _LONGEST_MATCHING = 5.0
 """s that the listeners discovered may take until they hear the player."""
-_REDRAW_PERIOD = 0.125
 _LATEST_CLOCK = (2**31 - 1) * NANOSECONDS
 """ns; a ROS time holds no later second."""
 _OF_OTHERS = ("/rosout", "/parameter_events", topics.CLOCK.name)
@@ -145,7 +144,7 @@ class Player:
         self._rewind()
         self.node.create_service(Trigger, "~/pause", self._on_pause)
         self.node.create_service(Trigger, "~/resume", self._on_resume)
-        self._display = Display(playback.length / NANOSECONDS, quiet=given.quiet)
+        self._display = PlayDisplay(playback.length / NANOSECONDS, quiet=given.quiet)
         self._display.say(f"playing {bag.name}: {len(playback.messages)} messages of {', '.join(names)}")
         for line in left_out:
             self._display.say(line)
@@ -339,55 +338,6 @@ def _what_to_play(bag: Bag, given: argparse.Namespace) -> tuple[list[str], Playb
     if (more := len(playback.jumps) - _JUMPS_TOLD) > 0:
         told.append(f"steps over {more} more silences of that kind")
     return names, playback, told
-
-
-class Display:
-    """Lines on standard output, and on a terminal how far the playing is."""
-
-    def __init__(self, length: float, *, quiet: bool) -> None:
-        """Show the progress of a bag of so many s, if anybody can see it."""
-        self._quiet = quiet
-        self._length = length
-        self._due = 0.0
-        self._bar = self._bar_of(length) if sys.stdout.isatty() and not quiet else None
-
-    @staticmethod
-    def _bar_of(length: float) -> tuple[Progress, TaskID]:
-        # A tenth of a second, which only a terminal spends.
-        from rich.console import Console  # noqa: PLC0415
-        from rich.progress import BarColumn, Progress, TextColumn  # noqa: PLC0415
-
-        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[time]}"))
-        bar = Progress(*columns, console=Console(), transient=True)
-        task = bar.add_task("", total=max(length, 1e-9), time="")
-        bar.start()
-        return bar, task
-
-    def say(self, line: str) -> None:
-        """Print a line."""
-        if self._quiet:
-            return
-        if self._bar is None:
-            print(line, flush=True)  # noqa: T201
-        else:
-            self._bar[0].console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-    def show(self, now: float, position: float, rounds: int, *, paused: bool) -> None:
-        """Show the position in s; cheap enough to be called often."""
-        if self._bar is None or now < self._due:
-            return
-        self._due = now + _REDRAW_PERIOD
-        what = ("paused" if paused else "playing") + (f", round {rounds + 1}" if rounds else "")
-        bar, task = self._bar
-        bar.update(task, completed=position, description=what, time=f"{position:.1f} of {self._length:.1f} s")
-
-    def end(self, line: str) -> None:
-        """Take the progress away and print a last line, unless it is empty."""
-        if self._bar is not None:
-            self._bar[0].stop()
-            self._bar = None
-        if line:
-            self.say(line)
 
 
 def quality(qos: Qos) -> QoSProfile:

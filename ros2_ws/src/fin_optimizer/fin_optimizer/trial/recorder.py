@@ -70,6 +70,7 @@ class Recorder:
         namespace: Of the fish, to which the topics' names are relative; empty for the node's own.
         minimum_free: Bytes that must stay free on the disk of a bag.
         clock: Time in s.
+        wall_clock: Time in ns since the epoch, for a bag in which no message tells any.
     """
 
     def __init__(
@@ -80,8 +81,9 @@ class Recorder:
         namespace: str = "",
         minimum_free: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
+        wall_clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._clock = clock
+        self._clock, self._wall_clock = clock, wall_clock
         self._minimum_free = minimum_free
         self._queue: deque[tuple[str, bytes]] = deque()
         self._extent = Extent()
@@ -164,7 +166,15 @@ class Recorder:
             BagTopic(subscription.name, subscription.topic.type_name, _bag_qos(subscription.offered))
             for subscription in subscriptions
         ]
-        writer = BagWriter(path, topics, metadata, newest_stamp_ns=self._plants_time(), minimum_free=self._minimum_free)
+        writer = BagWriter(
+            path,
+            topics,
+            metadata,
+            newest_stamp_ns=self._plants_time(),
+            minimum_free=self._minimum_free,
+            clock=self._clock,
+            wall_clock=self._wall_clock,
+        )
         self._queue.clear()
         self._closing.clear()
         self._extent.begin(measurement)

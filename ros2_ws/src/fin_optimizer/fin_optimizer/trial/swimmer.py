@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -107,7 +108,14 @@ class Swimmer:
         self._other_fish: str | None = None
 
     @classmethod
-    def of(cls, node: Node, namespace: str, conditions: Conditions, minimum_free: float = 0.0) -> Swimmer:
+    def of(
+        cls,
+        node: Node,
+        namespace: str,
+        conditions: Conditions,
+        minimum_free: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> Swimmer:
         """Return the swimmer of a namespace's fish, which a node listens to.
 
         Args:
@@ -115,9 +123,10 @@ class Swimmer:
             namespace: Of the fish, absolute.
             conditions: What all its trials have in common.
             minimum_free: Bytes that must stay free on the disk of a bag.
+            clock: Time in s.
         """
         plant = PlantClient(node, namespace)
-        recorder = Recorder(node, namespace=namespace, minimum_free=minimum_free)
+        recorder = Recorder(node, namespace=namespace, minimum_free=minimum_free, clock=clock)
         return cls(namespace, conditions, plant, recorder, Observer(node, plant, recorder, namespace, conditions.gait))
 
     # -- one trial ---------------------------------------------------------------------------------------------------
