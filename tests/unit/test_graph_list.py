@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from fin_bringup import study_nodes
+from fin_bringup import study_arguments, study_nodes
 from fin_bringup.bringup import parse, usage
 from fin_bringup.processes import SECONDS_TO_END, find_executable
 
@@ -173,7 +173,7 @@ def test_words_that_are_no_arguments_are_refused() -> None:
 def test_the_help_lists_every_argument_with_its_default() -> None:
     text = usage(80)
     assert max(map(len, text.splitlines())) < 80
-    for argument in study_nodes.arguments():
+    for argument in study_arguments.arguments():
         assert f"  {argument.name}:={argument.default or '(empty)'}\n" in text
     assert "speed:=0.0" in text
     assert "fin.young_modulus:=1200000000.0" in text
@@ -221,7 +221,7 @@ class Launched:
 
     def __init__(self, launch_file: dict[str, Any], given: dict[str, str], *, included: bool = False) -> None:
         note, *declared, start = launch_file["generate_launch_description"]().arguments[0]
-        assert [item.arguments[0] for item in declared] == [argument.name for argument in study_nodes.arguments()]
+        assert [item.arguments[0] for item in declared] == [argument.name for argument in study_arguments.arguments()]
         argv = [] if included else [f"{name}:={value}" for name, value in given.items()]
         self.context = types.SimpleNamespace(launch_configurations=dict(given), is_shutdown=False, argv=argv)
         with pytest.MonkeyPatch.context() as patch:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from fin_bringup import study_nodes
+from fin_bringup import study_arguments, study_nodes
 from fin_bringup.processes import StudyProcesses
 from fin_plant import ros_environment
 from fin_plant.node_help import screen_width, wrap
@@ -43,7 +43,7 @@ def usage(width: int) -> str:
     """Return the help text with every argument and its default, for a screen of so many columns."""
     lines = ["usage: bringup [name:=value ...]", "", "arguments:"]
     lines += [
-        f"  {a.name}:={a.default or '(empty)'}\n{wrap(a.description, width, 6, 6)}" for a in study_nodes.arguments()
+        f"  {a.name}:={a.default or '(empty)'}\n{wrap(a.description, width, 6, 6)}" for a in study_arguments.arguments()
     ]
     return "\n".join(lines)
 

@@ -17,7 +17,7 @@ from launch.actions import DeclareLaunchArgument, EmitEvent, LogInfo, OpaqueFunc
 from launch.events.process import ShutdownProcess
 from launch_ros.actions import Node
 
-from fin_bringup import study_nodes
+from fin_bringup import study_arguments, study_nodes
 from fin_bringup.processes import SECONDS_TO_END
 from fin_plant.node_process import END_BY_SIGNAL_IS_SUCCESS
 
@@ -39,9 +39,9 @@ def note_given(given: dict[str, str], context: LaunchContext) -> None:
         given.update({name: configurations[name] for name in said if name in configurations})
         return
     plant = configurations.get("plant", "sim")
-    if wrong := study_nodes.misspelt(configurations, plant):
+    if wrong := study_arguments.misspelt(configurations, plant):
         raise ValueError("; ".join(wrong))
-    known = (argument.name for argument in study_nodes.arguments(plant))
+    known = (argument.name for argument in study_arguments.arguments(plant))
     given.update({name: configurations[name] for name in known if name in configurations})
 
 
@@ -122,7 +122,7 @@ def generate_launch_description() -> LaunchDescription:
     """Return the arguments of a study and what starts its nodes."""
     declared = [
         DeclareLaunchArgument(argument.name, default_value=argument.default, description=argument.description)
-        for argument in study_nodes.arguments()
+        for argument in study_arguments.arguments()
     ]
     given: dict[str, str] = {}
     first, last = (OpaqueFunction(function=partial(work, given)) for work in (note_given, start_nodes))
