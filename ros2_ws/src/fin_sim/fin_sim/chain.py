@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
@@ -14,9 +14,12 @@ from fin_plant import checks, validity
 from fin_plant.fin import Fin, ProfiledFin
 from fin_plant.gait import MAXIMUM_JOINTS
 from fin_sim.fish import Body, Fish, Link, Water
+from fin_sim.oscillating_drag import chain_coefficients
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from fin_plant.gait import Gait
 
 Clamp = Literal["free", "fixed", "towed"]
 Reactive = Literal["tip", "distributed"]
@@ -84,6 +87,7 @@ class Chain:
         reactive: Form of Lighthill's force, ``distributed`` (energy-consistent) or ``tip`` (the papers').
         clamp: ``free`` body, ``fixed`` body, or ``towed`` forward at ``tow_speed``.
         tow_speed: m/s, for ``towed``.
+        normal_drags: C_N of each link, where a gait has decided it (`for_gait`); else the water's, of every link.
 
     Raises:
         ValueError: No link, too many, no driven joint, unknown names.
@@ -96,6 +100,7 @@ class Chain:
     reactive: Reactive = "distributed"
     clamp: Clamp = "free"
     tow_speed: float = 0.0
+    normal_drags: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         checks.whole_number("number of links", len(self.links), 1, MAXIMUM_LINKS)
@@ -109,15 +114,22 @@ class Chain:
             msg = "no joint is driven: a fish needs at least one driven joint to swim"
             raise ValueError(msg)
 
+    def for_gait(self, gait: Gait) -> Chain:
+        """Return the chain with the resistive coefficients of this gait; itself where they depend on none."""
+        if self.water.oscillating_drag == 0.0 or len(gait.joints) != sum(self.driven):
+            return self
+        return replace(self, normal_drags=chain_coefficients(self.water, gait, self.links, self.driven))
+
     def link_table(self) -> NDArray[np.float64]:
         """Return the kernel's table, shape (links, ``FIRST_PIECE`` + 3 times the most pieces of a link)."""
-        rows = [self._link_row(link, is_driven) for link, is_driven in zip(self.links, self.driven, strict=True)]
+        drags = self.normal_drags or (self.water.normal_drag,) * len(self.links)
+        rows = [self._link_row(*link) for link in zip(self.links, self.driven, drags, strict=True)]
         table = np.zeros((len(rows), max(map(len, rows))))
         for row, values in zip(table, rows, strict=True):
             row[: len(values)] = values
         return table
 
-    def _link_row(self, link: Link, is_driven: bool) -> list[float]:
+    def _link_row(self, link: Link, is_driven: bool, normal_drag: float) -> list[float]:
         virtual = 0.25 * math.pi * self.water.density
         return [
             link.length,
@@ -127,7 +139,7 @@ class Chain:
             0.0 if is_driven else link.stiffness,
             0.0 if is_driven else link.damping,
             float(is_driven),
-            -0.5 * self.water.density * self.water.normal_drag,
+            -0.5 * self.water.density * normal_drag,
             *_pieces(link),
         ]
 
@@ -140,7 +152,7 @@ class Chain:
         return [text] if text else []
 
     def body_vector(self) -> NDArray[np.float64]:
-        """Return the kernel's body constants, shape (8,), in the order that `dynamics` unpacks."""
+        """Return the kernel's body constants, shape (11,), in the order that `dynamics` unpacks."""
         body, half_density = self.body, 0.5 * self.water.density
         return np.array(
             [
@@ -152,8 +164,19 @@ class Chain:
                 half_density * body.lift_area,
                 body.yaw_drag,
                 body.tail_offset,
+                body.linear_drag,
+                self.water.current_x,
+                self.water.current_y,
             ]
         )
+
+    @property
+    def held_velocity(self) -> tuple[float, float]:
+        """Forward and sideways velocity through the water of a body that is held or towed, m/s; of a free one 0."""
+        if self.clamp == "free":
+            return 0.0, 0.0
+        speed = self.tow_speed if self.clamp == "towed" else 0.0
+        return speed - self.water.current_x, 0.0 - self.water.current_y
 
     def straight_mass_matrix(self) -> NDArray[np.float64]:
         """Return the mass matrix of sideways motion about the straight chain, shape (2 + links, 2 + links).

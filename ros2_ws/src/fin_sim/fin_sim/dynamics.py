@@ -4,8 +4,9 @@ Planar motion of a rigid body (Kirchhoff's equations with drag and lift) with a 
 reactive force and a resistive force act on. Accelerations follow from the articulated-body recursion (Featherstone,
 *Rigid Body Dynamics Algorithms*, 2008, chapter 7) in body axes, in time proportional to the number of links.
 
-State, shape (6 + 2 N,): x, y, heading in the tank; forward, sideways velocity and yaw rate in body axes; N joint
-angles; N joint rates. A driven joint's angle, rate and acceleration are prescribed.
+State, shape (6 + 2 N,): x, y, heading in the tank; forward, sideways velocity through the water and yaw rate in body
+axes; N joint angles; N joint rates. A driven joint's angle, rate and acceleration are prescribed. In a steady uniform
+current the frame that moves with the water is inertial: there the equations are those of still water.
 
 Time stepping: the classical Runge-Kutta method of order 4, in the exponential form of Cox & Matthews (Journal of
 Computational Physics 176, 2002, eq. 26 to 29) for the springs and dampers of the hinges, whose effect on the straight
@@ -114,7 +115,7 @@ def evaluate(
         state: Shape (6 + 2 N,). Angles and rates of driven joints are set to ``drive``'s.
         drive: Shape (N, 3), angle, rate and acceleration of the driven joints; other rows are not read.
         links: Shape (N, columns), `Chain.link_table`.
-        body: Shape (8,), `Chain.body_vector`.
+        body: Shape (11,), `Chain.body_vector`.
         free: Whether the body moves under its forces; otherwise its velocity stays as it is.
         distributed: Whether the convective force acts where it arises, or at the tip.
         derivative: Written, shape (6 + 2 N,).
@@ -124,6 +125,7 @@ def evaluate(
     count = links.shape[0]
     mass_surge, mass_sway, inertia, munk = body[0], body[1], body[2], body[3]
     drag, lift, yaw_drag, offset = body[4], body[5], body[6], body[7]
+    linear_drag, current_x, current_y = body[8], body[9], body[10]
     u, v, r = state[SURGE], state[SWAY], state[YAW_RATE]
 
     # Outward: positions and velocities of the links, in body axes.
@@ -219,8 +221,9 @@ def evaluate(
         speed = np.sqrt(u * u + v * v)
         slip = np.arctan2(v, u) if speed > 0.0 else 0.0
         side = lift * slip * speed
-        fx = mass_sway * v * r - drag * speed * u + side * v - px
-        fy = -mass_surge * u * r - drag * speed * v - side * u - py
+        resist = linear_drag + drag * speed
+        fx = mass_sway * v * r - resist * u + side * v - px
+        fy = -mass_surge * u * r - resist * v - side * u - py
         ft = munk * u * v - yaw_drag * r * abs(r) - pt
         sx, sy = hx - offset * ixy, hy - offset * iyy
         att = it + inertia - offset * (sy + hy)
@@ -235,8 +238,8 @@ def evaluate(
         dv = (by - byt * dr) / byy
         du = (fx - ixy * dv - sx * dr) / axx
     heading_sine, heading_cosine = np.sin(state[HEADING]), np.cos(state[HEADING])
-    derivative[X] = u * heading_cosine - v * heading_sine
-    derivative[Y] = u * heading_sine + v * heading_cosine
+    derivative[X] = u * heading_cosine - v * heading_sine + current_x
+    derivative[Y] = u * heading_sine + v * heading_cosine + current_y
     derivative[HEADING] = r
     derivative[SURGE], derivative[SWAY], derivative[YAW_RATE] = du, dv, dr
 
@@ -484,9 +487,9 @@ class Stepper:
         return self.step * self.every
 
     def start(self) -> NDArray[np.float64]:
-        """Return the state at rest (or under tow) at the origin, shape (6 + 2 N,)."""
+        """Return the state at the origin, at rest in the water or under tow, shape (6 + 2 N,)."""
         state = np.zeros(BODY_STATES + 2 * len(self._links))
-        state[SURGE] = self.chain.tow_speed if self.chain.clamp == "towed" else 0.0
+        state[SURGE], state[SWAY] = self.chain.held_velocity
         return state
 
     def half_step_times(self, samples: int, first: int = 0) -> NDArray[np.float64]:

@@ -68,7 +68,7 @@ def energy_budget(swim: Swim) -> EnergyBudget:
     checks.choice("reactive", swim.chain.reactive, ("distributed",))
     chain, table = swim.chain, swim.chain.link_table()
     body = chain.body_vector()
-    surge, sway, yaw = swim.surge, swim.sway, swim.yaw_rate
+    surge, sway, yaw = swim.water_surge, swim.water_sway, swim.yaw_rate  # the frame of the water is inertial
     speed = np.hypot(surge, sway)
     stored = 0.5 * (body[0] * surge**2 + body[1] * sway**2 + body[2] * yaw**2)
     resistive, dampers, wake = np.zeros_like(surge), np.zeros_like(surge), np.zeros_like(surge)
@@ -102,10 +102,10 @@ def energy_budget(swim: Swim) -> EnergyBudget:
     return EnergyBudget(
         stored=stored,
         servo=swim.servo_power,
-        tow=-swim.convective_force[:, 0] * chain.tow_speed * (chain.clamp == "towed"),
+        tow=-swim.convective_force @ np.array(chain.held_velocity),
         wake=wake,
         resistive=resistive,
         dampers=dampers,
-        drag=body[4] * speed**3 * free,
+        drag=(body[8] * speed**2 + body[4] * speed**3) * free,
         yaw_damping=body[6] * np.abs(yaw) ** 3 * free,
     )

@@ -7,12 +7,15 @@ from dataclasses import dataclass, field, fields
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+import numpy as np
 from scipy.special import elliprd
 
 from fin_plant import checks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from numpy.typing import NDArray
 
 WATER_DENSITY = 1000.0
 """Fresh water, kg/m^3, as in both papers."""
@@ -58,6 +61,7 @@ class Body:
         lift_area: S C_L, area times slope of the lift coefficient, m^2/rad.
         yaw_drag: K_D, yaw damping moment over r |r|, N m s^2.
         tail_offset: c, from the centre of mass back to the first joint, m.
+        linear_drag: Drag over speed where it is viscous, N s/m; beside the quadratic one of the drag area.
 
     Raises:
         ValueError: A value that is not finite, negative, or a mass or inertia of zero.
@@ -72,6 +76,7 @@ class Body:
     lift_area: float
     yaw_drag: float
     tail_offset: float
+    linear_drag: float = 0.0
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -172,6 +177,10 @@ class Water:
     Attributes:
         density: rho, kg/m^3.
         normal_drag: C_N, coefficient of the resistive force normal to a link.
+        oscillating_drag: a in C = a KC^(-1/3) of a tail that beats, 0 for the same coefficient at any amplitude; see
+            `oscillating_drag`.
+        current_x: Velocity of the steady, uniform stream in the tank frame, m/s.
+        current_y: The same to the left, m/s.
 
     Raises:
         ValueError: A value that is not finite or out of range.
@@ -179,10 +188,33 @@ class Water:
 
     density: float = WATER_DENSITY
     normal_drag: float = 1.0
+    oscillating_drag: float = 0.0
+    current_x: float = 0.0
+    current_y: float = 0.0
 
     def __post_init__(self) -> None:
         checks.number("water.density", self.density, 0.0, unit="kg/m^3", exclusive_minimum=True)
         checks.number("water.normal_drag", self.normal_drag, 0.0)
+        checks.number("water.oscillating_drag", self.oscillating_drag, 0.0)
+        for name in ("current_x", "current_y"):
+            checks.number(f"water.{name}", getattr(self, name), unit="m/s")
+
+    @property
+    def flows(self) -> bool:
+        """Whether there is a current."""
+        return self.current_x != 0.0 or self.current_y != 0.0
+
+    def over_ground(
+        self, surge: NDArray[np.float64], sway: NDArray[np.float64], heading: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return a velocity through the water as one over ground, both in body axes, m/s; all of one shape."""
+        if not self.flows:
+            return surge, sway
+        sine, cosine = np.sin(heading), np.cos(heading)
+        return (
+            surge + self.current_x * cosine + self.current_y * sine,
+            sway + self.current_y * cosine - self.current_x * sine,
+        )
 
 
 @dataclass(frozen=True)
@@ -224,7 +256,7 @@ class Fish:
         given = {item.name: own.get(f"body.{item.name}") for item in fields(Body) if item.name not in coefficients}
         chosen = {name: float(value) for name, value in given.items() if value is not None and float(value) >= 0.0}  # type: ignore[arg-type]
         body = Body(**{**{item.name: getattr(body, item.name) for item in fields(Body)}, **chosen})
-        water = Water(density, float(own["water.normal_drag"]))  # type: ignore[arg-type]
+        water = Water(**{item.name: float(own[f"water.{item.name}"]) for item in fields(Water)})  # type: ignore[arg-type]
         return cls(body, water, _peduncle(values))
 
 

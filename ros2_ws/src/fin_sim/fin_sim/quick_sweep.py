@@ -113,7 +113,8 @@ def _steady_figures(plan: SwimPlan, batch: BatchSwim) -> dict[str, list[float | 
         "mean_servo_power": batch.servo_power.tolist(),
     }
     if plan.reactive == "distributed":
-        useful = (batch.thrust * batch.mean_forward_speed).tolist()
+        # Only a held body has an efficiency here; it heads along x.
+        useful = (batch.thrust * (batch.mean_forward_speed - plan.fish().water.current_x)).tolist()
         powers = batch.servo_power.tolist()
         rows["efficiency"] = [
             one / power if status == Status.OK and power > 0.0 else None

@@ -105,6 +105,13 @@ class Simulator:
             self._built = dict(values), build_stepper(values)
         return self._built[1]
 
+    def _suit(self, gait: Gait) -> None:
+        """Give the tail the resistive coefficients of a gait; a tail that comes to rest keeps those of its last one."""
+        stepper = self._stepper
+        chain = stepper.chain.for_gait(gait) if gait.moves else stepper.chain
+        if chain != stepper.chain:
+            self._stepper = dynamics.Stepper(chain, stepper.step, stepper.every)
+
     def _number(self, name: str) -> float:
         return cast("float", self._values[name])
 
@@ -198,6 +205,7 @@ class Simulator:
             self._neutral()
         self._follower.set_ramp_time(self._number("drive.ramp_time"))
         self._tail.servo = Servo.from_parameters(values)
+        self._suit(Gait.from_rows(self._follower.target))
         self._set_state(self._state, self._reason)
 
     # -- callbacks ---------------------------------------------------------------------------------------------------
@@ -211,6 +219,8 @@ class Simulator:
             if limited.moves and self._state is not State.SWIMMING:
                 self._parameters.refuse_incomplete()
             changed = not limited.same_as(Gait.from_rows(self._follower.target))
+            if changed:
+                self._suit(limited)
             self._follower.command(limited, self._fish_time)
         except ValueError as error:
             self._rejected += 1

@@ -31,6 +31,7 @@ class StreamMessages:
         """Learn the layout; the joints have the names of this chain's tail and hinges."""
         tail = [f"tail_joint_{number + 1}" for number in range(sum(chain.driven))]
         names = tail + [f"{HINGE}{number + 1}" for number in range(len(chain.links) - len(tail))]
+        self._water = chain.water
         self._templates = (
             MessageTemplate(partial(_joint_state, names), 3 * len(names)),
             MessageTemplate(_pose, 4),
@@ -52,11 +53,12 @@ class StreamMessages:
         sine, cosine = np.sin(heading), np.cos(heading)
         force_x, force_y = records[:, dynamics.FORCE_X], records[:, dynamics.FORCE_Y]
         joints = (states[:, dynamics.BODY_STATES :], records[:, dynamics.RECORD_HEAD :])
+        surge, sway = self._water.over_ground(states[:, dynamics.SURGE], states[:, dynamics.SWAY], heading)
         place = (states[:, dynamics.X], states[:, dynamics.Y], np.sin(heading / 2), np.cos(heading / 2))
         numbers = (
             np.concatenate(joints, axis=1),
             np.stack(place, axis=1),
-            states[:, [dynamics.SURGE, dynamics.SWAY, dynamics.YAW_RATE]],
+            np.stack((surge, sway, states[:, dynamics.YAW_RATE]), axis=1),
             np.stack((force_x * cosine + force_y * sine, force_y * cosine - force_x * sine), axis=1),
         )
         return [template.fill(stamps, rows) for template, rows in zip(self._templates, numbers, strict=True)]

@@ -88,12 +88,15 @@ def swim_chain(
     _refuse_too_many_steps(len(chain.links), duration, min(step, sample_time))
     samples = max(1, round(duration / sample_time))
     every = math.ceil(duration / samples / step - 1e-9)
+    chain = chain.for_gait(gait)
     stepper = dynamics.Stepper(chain, duration / (samples * every), every)
     follower = GaitFollower(sum(chain.driven), ramp_time, as_asked=True)
     follower.command(gait, 0.0)
     motion = TailDrive(follower, servo).motion(stepper.half_step_times(samples))
     states, records = stepper.advance(stepper.start(), motion)
     links, first = len(chain.links), dynamics.BODY_STATES
+    water_surge, water_sway = states[:, dynamics.SURGE], states[:, dynamics.SWAY]
+    surge, sway = chain.water.over_ground(water_surge, water_sway, states[:, dynamics.HEADING])
     return Swim(
         chain=chain,
         gait=gait,
@@ -102,8 +105,10 @@ def swim_chain(
         x=states[:, dynamics.X],
         y=states[:, dynamics.Y],
         heading=states[:, dynamics.HEADING],
-        surge=states[:, dynamics.SURGE],
-        sway=states[:, dynamics.SWAY],
+        surge=surge,
+        sway=sway,
+        water_surge=water_surge,
+        water_sway=water_sway,
         yaw_rate=states[:, dynamics.YAW_RATE],
         joint_angles=states[:, first : first + links],
         joint_rates=states[:, first + links :],

@@ -65,8 +65,10 @@ class Swim:
         x: Position in the tank, m, shape (S,).
         y: Position in the tank, m, shape (S,).
         heading: rad, shape (S,), continuous.
-        surge: Forward velocity, m/s, shape (S,).
-        sway: Velocity to the left, m/s, shape (S,).
+        surge: Forward velocity over ground, m/s, shape (S,): what a tracker sees and the velocity topic has.
+        sway: The same to the left, m/s, shape (S,).
+        water_surge: Forward velocity through the water, m/s, shape (S,); in still water the same as over ground.
+        water_sway: The same to the left, m/s, shape (S,).
         yaw_rate: rad/s, shape (S,).
         joint_angles: rad, shape (S, N).
         joint_rates: rad/s, shape (S, N).
@@ -85,6 +87,8 @@ class Swim:
     heading: NDArray[np.float64]
     surge: NDArray[np.float64]
     sway: NDArray[np.float64]
+    water_surge: NDArray[np.float64]
+    water_sway: NDArray[np.float64]
     yaw_rate: NDArray[np.float64]
     joint_angles: NDArray[np.float64]
     joint_rates: NDArray[np.float64]
@@ -102,17 +106,17 @@ class Swim:
 
     @cached_property
     def mean_speed(self) -> float:
-        """Distance from start to end over the duration, m/s: the papers' mean speed over the run."""
+        """Distance over ground from start to end over the duration, m/s: the papers' mean speed over the run."""
         return math.hypot(self.x[-1] - self.x[0], self.y[-1] - self.y[0]) / self.duration
 
     @cached_property
     def mean_forward_speed(self) -> float:
-        """Mean over time of the forward velocity, m/s: what is scored from the velocity topic."""
+        """Mean over time of the forward velocity over ground, m/s: what is scored from the velocity topic."""
         return float(np.mean(self.surge))
 
     @cached_property
     def path_length(self) -> float:
-        """Length of the path of the centre of mass, m."""
+        """Length of the path of the centre of mass over ground, m."""
         return self.duration * self.mean_between(np.hypot(self.surge, self.sway), 0.0, self.duration)
 
     # -- the last whole beats ----------------------------------------------------------------------------------------
@@ -149,10 +153,24 @@ class Swim:
 
     @cached_property
     def steady_speed(self) -> float:
-        """Distance from beat to beat over the period, mean of the last whole beats, m/s."""
-        places = np.stack((self._at(self.x, self.beats), self._at(self.y, self.beats)))
-        steps = np.hypot(*np.diff(places))
+        """Distance over ground from beat to beat over the period, mean of the last whole beats, m/s."""
+        return self._steady_speed(self.x, self.y)
+
+    @cached_property
+    def steady_water_speed(self) -> float:
+        """The same through the water, m/s."""
+        return self._steady_speed(*self._drifting(self.x, self.y))
+
+    def _steady_speed(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+        steps = np.hypot(*np.diff(np.stack((self._at(x, self.beats), self._at(y, self.beats)))))
         return float(np.mean(steps)) * self.frequency
+
+    def _drifting(
+        self, x: NDArray[np.float64], y: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return a path, m, shape (S,) each, as seen from the water."""
+        water = self.chain.water
+        return x - water.current_x * self.time, y - water.current_y * self.time
 
     @cached_property
     def thrust(self) -> NDArray[np.float64]:
@@ -199,9 +217,9 @@ class Swim:
 
     @cached_property
     def efficiency(self) -> float:
-        """Hydrodynamic (Froude) efficiency: mean thrust times forward speed over servo power, last whole beats.
+        """Hydrodynamic (Froude) efficiency of the last whole beats: mean thrust times forward speed over servo power.
 
-        0 for a body that is held.
+        The speed is that through the water: of a body that is held in still water 0.
 
         Raises:
             ValueError: The force acts at the tip, which gives wrong power; or the servos deliver no power.
@@ -212,7 +230,7 @@ class Swim:
         if self.mean_servo_power <= 0.0:
             msg = f"mean servo power = {self.mean_servo_power:g} W: efficiency needs servos that deliver power"
             raise ValueError(msg)
-        return self.mean_thrust * self.beat_mean(self.surge) / self.mean_servo_power
+        return self.mean_thrust * self.beat_mean(self.water_surge) / self.mean_servo_power
 
     @cached_property
     def tip_path(self) -> NDArray[np.float64]:
@@ -234,26 +252,29 @@ class Swim:
     def tip_amplitude(self) -> float:
         """Half the trailing edge's largest excursion across the course in the last whole beat, m, peak to peak.
 
-        The course leads from the body's place at the beat's start to that at its end; a body that does not move
-        keeps to its mean heading.
+        The course leads through the water from the body's place at the beat's start to that at its end; a body that
+        is held, towed or does not move keeps to its mean heading.
         """
         begin, end = max(self.beats[-2], 0.0), self.beats[-1]
         times = np.linspace(begin, end, 401)
         ends = times[[0, -1]]
-        dx, dy = (float(np.diff(self._at(place, ends))[0]) for place in (self.x, self.y))
-        if self.chain.clamp == "fixed" or math.hypot(dx, dy) == 0.0:
+        course = self._drifting(self.x, self.y)
+        dx, dy = (float(np.diff(self._at(place, ends))[0]) for place in course)
+        tip_x, tip_y = self._drifting(*self.tip_path.T)
+        if self.chain.clamp != "free" or math.hypot(dx, dy) == 0.0:
             direction = self.beat_mean(self.heading)
             dx, dy = math.cos(direction), math.sin(direction)
-        across = (self.tip_path[:, 1] * dx - self.tip_path[:, 0] * dy) / math.hypot(dx, dy)
+            tip_x, tip_y = self.tip_path.T
+        across = (tip_y * dx - tip_x * dy) / math.hypot(dx, dy)
         excursion = self._at(across, times)
         return 0.5 * float(np.ptp(excursion))
 
     @cached_property
     def strouhal_number(self) -> float:
-        """Frequency times peak-to-peak tip excursion over steady speed; infinite for a body that stands still."""
-        if self.steady_speed == 0.0:
+        """Frequency times peak-to-peak tip excursion over steady speed through the water; at none infinite."""
+        if self.steady_water_speed == 0.0:
             return math.inf
-        return self.frequency * 2.0 * self.tip_amplitude / self.steady_speed
+        return self.frequency * 2.0 * self.tip_amplitude / self.steady_water_speed
 
     @cached_property
     def mass(self) -> float:
@@ -263,13 +284,13 @@ class Swim:
 
     @cached_property
     def cost_of_transport(self) -> float:
-        """Mean servo power over mass and steady speed, J/(kg m); divided by 9.81 m/s^2 it has no unit.
+        """Mean servo power over mass and steady speed through the water, J/(kg m).
 
-        Infinite for a body that stands still.
+        Divided by 9.81 m/s^2 it has no unit. Infinite for a body that stands still in the water.
         """
-        if self.steady_speed == 0.0:
+        if self.steady_water_speed == 0.0:
             return math.inf
-        return self.mean_servo_power / (self.mass * self.steady_speed)
+        return self.mean_servo_power / (self.mass * self.steady_water_speed)
 
     @cached_property
     def turning_rate(self) -> float:

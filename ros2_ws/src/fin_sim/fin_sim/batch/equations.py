@@ -79,6 +79,9 @@ class LaneBody:
     lift: Real
     yaw_drag: Real
     offset: Real
+    linear_drag: Real = 0.0
+    current_x: Real = 0.0
+    current_y: Real = 0.0
 
 
 @dataclass(frozen=True)
@@ -359,7 +362,7 @@ def _body(
     wrench.move_forward(body.offset, 0.0)
     speed = square_root(u * u + v * v)
     side = body.lift * slip_angle(u, v, speed, precision) * speed
-    drag = body.drag * speed
+    drag = body.drag * speed + body.linear_drag
     force_e = body.mass_sway * (v * r) - drag * u + side * v - wrench.pe
     force_n = -(body.mass_surge * (u * r)) - drag * v - side * u - wrench.pn
     moment = body.munk * (u * v) - body.yaw_drag * (r * absolute(r)) - wrench.q

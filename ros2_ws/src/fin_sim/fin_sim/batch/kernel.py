@@ -57,7 +57,7 @@ LEAST_DAMPING = 0.4
 """Damping time over step below which a lightly damped hinge may grow: order 4 is stable for all stiffnesses from 0.36
 on (found from the roots of its characteristic polynomial)."""
 
-UNIFORM = (*(item.name for item in fields(LaneBody)), "step", "tow_speed")
+UNIFORM = (*(item.name for item in fields(LaneBody)), "step", "held_surge", "held_sway")
 LINK_FIELDS = tuple(item.name for item in fields(LaneLink))
 HINGE_FIELDS = ("stiffness", "damping", "compliance")
 WEIGHTS = ("window_weight", "path_weight")
@@ -76,6 +76,8 @@ class Form:
         distributed: Form of the reactive force.
         tapered: Whether a link's height changes along it.
         precision: ``double`` or ``single``.
+        viscous: Whether the body has a linear drag.
+        current: Whether the water flows.
     """
 
     driven: int
@@ -84,6 +86,8 @@ class Form:
     distributed: bool
     tapered: bool
     precision: str = "double"
+    viscous: bool = False
+    current: bool = False
 
     @property
     def lanes(self) -> int:
@@ -174,10 +178,11 @@ def _trace_step(form: Form, tape: Tape, slots: _Slots) -> None:
         links.append(LaneLink(**varying, **straight))
     uniform = {name: tape.load(name) for name in (*UNIFORM, *WEIGHTS)}
     step = uniform["step"]
-    body = LaneBody(**{item.name: uniform[item.name] for item in fields(LaneBody)})
+    absent = {"linear_drag": form.viscous, "current_x": form.current, "current_y": form.current}
+    body = LaneBody(**{item.name: uniform[item.name] for item in fields(LaneBody) if absent.get(item.name, True)})
     drives = [Drive(*(tape.load(f"{name}_{joint}") for name in DRIVE_FIELDS)) for joint in range(form.driven)]
     hinges, known = _predicted_hinges(form, slots, step)
-    velocity: tuple[Real, ...] = (uniform["tow_speed"], 0.0, 0.0)
+    velocity: tuple[Real, ...] = (uniform["held_surge"], uniform["held_sway"] if form.current else 0.0, 0.0)
     if form.free:
         predicted = [_sum(PREDICTOR, slots.history(f"{name}_rate", len(PREDICTOR))) for name in _VELOCITIES]
         velocity = tuple(slots.read(name) + step * slope for name, slope in zip(_VELOCITIES, predicted, strict=True))
@@ -200,12 +205,12 @@ def _trace_step(form: Form, tape: Tape, slots: _Slots) -> None:
             slots.push(f"{name}_{joint}", value, slots.history(f"{name}_{joint}", len(HINGE_HISTORY)))
     slots.write("largest_angle", largest)
     if form.free:
-        _move_body(form, slots, response, uniform)
+        _move_body(form, slots, response, body, uniform)
     for name, value in (("thrust_sum", response.thrust), ("power_sum", response.power)):
         slots.write(name, slots.read(name) + uniform["window_weight"] * value)
 
 
-def _move_body(form: Form, slots: _Slots, response: Response, uniform: dict[str, Number]) -> None:
+def _move_body(form: Form, slots: _Slots, response: Response, body: LaneBody, uniform: dict[str, Number]) -> None:
     """Correct the body's velocity and move it."""
     step = uniform["step"]
     new = []
@@ -223,7 +228,8 @@ def _move_body(form: Form, slots: _Slots, response: Response, uniform: dict[str,
     weight = uniform["path_weight"]
     slots.write("x_sum", slots.read("x_sum") + weight * (surge * cosine - sway * sine))
     slots.write("y_sum", slots.read("y_sum") + weight * (surge * sine + sway * cosine))
-    slots.write("surge_sum", slots.read("surge_sum") + uniform["window_weight"] * surge)
+    over_ground = surge + body.current_x * cosine + body.current_y * sine
+    slots.write("surge_sum", slots.read("surge_sum") + uniform["window_weight"] * over_ground)
     slots.write("heading", heading)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from fin_plant.fin import Fin
 from fin_plant.gait import GaitFollower
 from fin_sim.batch.kernel import HINGE_REACH, Form, generate
-from fin_sim.batch.links import lane_constants, link_columns
+from fin_sim.batch.links import lane_constants, link_columns, normal_drags
 from fin_sim.batch.proven import PROVEN_ANGLE
 from fin_sim.batch.result import FIGURES, LARGEST_ANGLE
 from fin_sim.batch.tolerances import difference, error_floors, settled
@@ -39,8 +39,8 @@ def _shared(task: Task) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     drives = np.stack((np.sin(angle), np.cos(angle), rate, acceleration), axis=2)
     real = np.float64 if task.precision == "double" else np.float32
     table = np.column_stack((window, path, drives.reshape(task.steps, -1)))
-    body = build_chain(task.fish, Fin()).body_vector()
-    uniform = np.array([*body, task.step, task.body_speed])
+    chain = build_chain(task.fish, Fin(), clamp=task.clamp, tow_speed=task.tow_speed)
+    uniform = np.array([*chain.body_vector(), task.step, *chain.held_velocity])
     return np.asarray(table, dtype=real).ravel(), np.asarray(uniform, dtype=real)
 
 
@@ -56,10 +56,12 @@ def lane_figures(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray
         task.reactive == "distributed",
         bool(np.any(links["root_height"] != links["tip_height"])),
         task.precision,
+        task.fish.body.linear_drag > 0.0,
+        task.fish.water.flows,
     )
     kernel = generate(form)
     reach = HINGE_REACH * task.step
-    constants = lane_constants(links, task.fish.water)
+    constants = lane_constants(links, task.fish.water, normal_drags(links, task.fish, task.gait))
     constants |= {name: links[name] for name in ("stiffness", "damping")}
     constants["compliance"] = reach * (reach * links["stiffness"] + links["damping"])
     columns = [constants[name.rpartition("_")[0]][:, int(name.rpartition("_")[2])] for name in kernel.parameters]
@@ -82,8 +84,11 @@ def _figures(task: Task, left: Mapping[str, NDArray[np.float64]]) -> NDArray[np.
     speed, sound = task.body_speed, nothing
     for value in left.values():
         sound = sound + 0.0 * value  # NaN where anything is not finite
-    x = left.get("x_sum", nothing + speed * task.duration)
-    y = left.get("y_sum", nothing)
+    if task.clamp == "free":
+        x = left["x_sum"] + task.fish.water.current_x * task.duration
+        y = left["y_sum"] + task.fish.water.current_y * task.duration
+    else:
+        x, y = nothing + speed * task.duration, nothing
     columns = {
         "mean_speed": np.hypot(x, y) / task.duration,
         "mean_forward_speed": left.get("surge_sum", nothing + speed),

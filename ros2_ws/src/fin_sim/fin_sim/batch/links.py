@@ -8,12 +8,14 @@ import numpy as np
 
 from fin_sim.batch.columns import NAMES
 from fin_sim.batch.equations import LaneLink
+from fin_sim.oscillating_drag import STATIONS, link_coefficients
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
+    from fin_plant.gait import Gait
     from fin_sim.fish import Fish, Water
 
 
@@ -41,8 +43,25 @@ def link_columns(fish: Fish, fins: Mapping[str, NDArray[np.generic]]) -> dict[st
     }
 
 
-def lane_constants(links: Mapping[str, NDArray[np.float64]], water: Water) -> dict[str, NDArray[np.float64]]:
-    """Return the constants of `LaneLink`, each of shape (n, links); moments of linear heights in closed form."""
+def normal_drags(links: Mapping[str, NDArray[np.float64]], fish: Fish, gait: Gait) -> NDArray[np.float64] | float:
+    """Return C_N of every link, shape (n, links), or the one of all where it does not depend on the gait."""
+    if fish.water.oscillating_drag == 0.0:
+        return fish.water.normal_drag
+    root, tip = links["root_height"][:, :, None], links["tip_height"][:, :, None]
+    heights = root + (tip - root) * STATIONS
+    return link_coefficients(fish.water, gait, links["length"], heights, range(fish.driven_joints))
+
+
+def lane_constants(
+    links: Mapping[str, NDArray[np.float64]], water: Water, normal_drag: NDArray[np.float64] | float | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """Return the constants of `LaneLink`, each of shape (n, links); moments of linear heights in closed form.
+
+    Args:
+        links: Attributes of `Link`, each of shape (n, links).
+        water: The water.
+        normal_drag: C_N, shape (n, links) or one for all; the water's where none is given.
+    """
     length, root, tip = links["length"], links["root_height"], links["tip_height"]
     change = tip - root
     virtual = 0.25 * np.pi * water.density
@@ -51,7 +70,7 @@ def lane_constants(links: Mapping[str, NDArray[np.float64]], water: Water) -> di
         for p in range(3)
     ]
     solid_moments = [links["mass_per_area"] * length ** (p + 1) * (root / (p + 1) + change / (p + 2)) for p in range(3)]
-    resistive = -0.5 * water.density * water.normal_drag
+    resistive = -0.5 * water.density * (water.normal_drag if normal_drag is None else normal_drag)
     normal = [v + s for v, s in zip(virtual_moments, solid_moments, strict=True)]
     constants = LaneLink(
         length=length,  # type: ignore[arg-type]  # columns here, numbers in the traced equations

@@ -42,8 +42,8 @@ class BatchSwim:
     Attributes:
         fins: The fins' attributes by name, each of shape (n,).
         status: `Status`, shape (n,).
-        mean_speed: Distance from start to end over the duration, m/s, shape (n,): the papers' mean speed.
-        mean_forward_speed: Mean over the window of the forward velocity, m/s, shape (n,).
+        mean_speed: Distance over ground from start to end over the duration, m/s, shape (n,): the papers' mean speed.
+        mean_forward_speed: Mean over the window of the forward velocity over ground, m/s, shape (n,).
         thrust: Mean over the window of the forward force of the water on the tail less its inertial reaction, N, shape
             (n,). The reaction has no mean over whole steady beats of a body that is held; in the axes of a free body,
             which yaws, it has one: `Swim.mean_thrust` of the papers' fish is 4 to 15 % more than this.
