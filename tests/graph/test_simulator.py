@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,12 @@ import numpy as np
 import pytest
 
 from fin_plant import topics
-from fin_plant.gait import PAPER_GAIT
+from fin_plant.fin import Fin
+from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
 from fin_plant.plant_state import EMERGENCY, State
+from fin_sim.fish import Water
+from fin_sim.swim import PAPER_FISH, swim
 from support.plant_tester import PlantTester
 
 if TYPE_CHECKING:
@@ -71,6 +75,22 @@ def test_what_the_topics_say_is_consistent_and_in_si_units(start: Callable[..., 
     assert x[-1] > 0.2
     largest = max(abs(m.position[0]) for m in client.received(topics.JOINT_STATES))
     assert largest == pytest.approx(math.radians(15.0), rel=1e-3)
+
+
+def test_drag_by_amplitude_and_a_current_swim_as_in_the_command(start: Callable[..., Any], client: PlantTester) -> None:
+    """The gait decides the drag while the node runs: a small one first, whose coefficient is half as much more."""
+    water = Water(PAPER_FISH.water.density, 1.0, 8.0, 0.02, -0.01)
+    given = {name: getattr(water, name) for name in ("normal_drag", "oscillating_drag", "current_x", "current_y")}
+    start_simulator(start, QUICK, *(f"water.{name}:={value}" for name, value in given.items()))
+    client.wait_for_state(State.READY)
+    client.swim(carangiform(math.radians(5.0), 0.9), seconds=0.5)
+    client.stop_swimming()
+    assert client.request_reset().success
+    since = client.swim(PAPER_GAIT, seconds=3.0)
+    velocity = [m for m in client.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) >= since][:301]
+    expected = swim(Fin(), replace(PAPER_FISH, water=water), PAPER_GAIT, 3.0)
+    assert [m.twist.linear.x for m in velocity] == pytest.approx(expected.surge, abs=2e-5)
+    assert [m.twist.linear.y for m in velocity] == pytest.approx(expected.sway, abs=2e-5)
 
 
 def test_a_swim_repeats_bit_for_bit_after_a_reset(start: Callable[..., Any], client: PlantTester) -> None:

@@ -31,7 +31,7 @@ FIN = Fin(
     damping_time=0.01,
 )
 GAIT = Gait((JointDrive(math.radians(15.0), 0.9, 0.0, math.radians(5.0)),))
-STILL, STREAM = Water(1000.0, 1.0), Water(1000.0, 1.0, 0.02, -0.03)
+STILL, STREAM = Water(1000.0, 1.0), Water(1000.0, 1.0, current_x=0.02, current_y=-0.03)
 
 
 def swum(water: Water, **arguments: object) -> Swim:
@@ -85,7 +85,7 @@ def test_the_velocity_topic_is_over_ground() -> None:
 
 
 def test_a_body_held_in_a_stream_is_one_towed_against_it() -> None:
-    held = swum(Water(1000.0, 1.0, -0.03), clamp="fixed")
+    held = swum(Water(1000.0, 1.0, current_x=-0.03), clamp="fixed")
     towed = swum(STILL, clamp="towed", tow_speed=0.03)
     assert np.ptp(held.x) == np.ptp(held.surge) == 0.0
     assert held.mean_thrust == pytest.approx(towed.mean_thrust, rel=1e-9)
