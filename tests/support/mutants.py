@@ -19,6 +19,7 @@ import signal
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,8 +76,21 @@ def mutants(source: str, tables: Sequence[str] = ()) -> list[tuple[str, str]]:
                 changed = ast.fix_missing_locations(ast.copy_location(option, node))
                 before, after = (ast.unparse(part).splitlines()[0] for part in (node, changed))
                 with place.holding(changed):
-                    found.append((f"{owner}: {before} -> {after}", ast.unparse(tree)))
+                    text = ast.unparse(tree)
+                if _compiles(text):
+                    found.append((f"{owner}: {before} -> {after}", text))
     return found
+
+
+def _compiles(text: str) -> bool:
+    """Whether Python takes a text without a warning: what it warns of, as ``is`` beside a number, is no mutant."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            compile(text, "mutant", "exec")
+        except SyntaxError:  # so the compiler tells its warnings too, where they are errors
+            return False
+    return True
 
 
 def _carried_out(tree: ast.AST, tables: Sequence[str]) -> list[tuple[str, ast.AST, str]]:

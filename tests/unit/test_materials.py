@@ -11,8 +11,9 @@ import pytest
 
 import fin_sim
 from fin_plant.fin import Fin
-from fin_sim import materials_command
-from fin_sim.materials import material, materials
+from fin_sim import materials_command, swim_command
+from fin_sim.materials import damping_time, material, materials
+from fin_sim.sweep import SwimPlan
 from fin_sim.swim import swim
 
 WANTED = [
@@ -71,6 +72,25 @@ def test_material_is_found_in_any_case_and_a_near_miss_is_told() -> None:
         material("NYLONS")
 
 
+def test_loss_of_a_material_becomes_the_damping_time_of_its_frequency() -> None:
+    assert damping_time(0.57, 0.9) == pytest.approx(0.1008, rel=1e-3)
+    assert damping_time(0.57, 1.8) == pytest.approx(0.0504, rel=1e-3)
+    plan = SwimPlan({}, frequency=2.0, loss_factor=0.13)
+    assert plan.fin().damping_time == pytest.approx(0.13 / (2.0 * math.pi * 2.0))
+    assert SwimPlan({"fin.damping_time": 0.03}, frequency=2.0).fin().damping_time == 0.03
+    with pytest.raises(ValueError, match="frequency = 0 Hz"):
+        damping_time(0.1, 0.0)
+
+
+def test_more_loss_slows_a_fin_cut_from_the_material(capsys: pytest.CaptureFixture[str]) -> None:
+    def powers(*arguments: str) -> list[float]:
+        assert swim_command.main(["--material", "LDPE", "--duration", "3", "--json", *arguments]) == 0
+        return [row["mean_servo_power"] for row in json.loads(capsys.readouterr().out)]
+
+    assert powers() == pytest.approx(powers("--fin.damping_time", str(0.13 / (2.0 * math.pi * 0.9))))
+    assert powers() != pytest.approx(powers("--fin.damping_time", "0"))
+
+
 def test_material_without_a_modulus_cannot_be_cut() -> None:
     with pytest.raises(ValueError, match=r"give fin\.young_modulus"):
         material("DM8510").fins(Fin())
@@ -89,10 +109,16 @@ def test_listing_has_every_material_with_its_numbers_and_sources(
     *lines, file = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) < columns
     assert Path(file).is_file()
-    assert re.search(r"^PP +1\.07 to 1\.72 +900 to 910$", "\n".join(lines), re.MULTILINE)
+    assert re.search(r"^PP +1\.07 to 1\.72 +900 to 910 +0\.029$", "\n".join(lines), re.MULTILINE)
     words = " ".join(" ".join(lines).split())
     for entry in materials().values():
-        for word in (f"{entry.key} ", entry.name, entry.modulus_source.rstrip("."), entry.density_source):
+        for word in (
+            f"{entry.key} ",
+            entry.name,
+            entry.modulus_source.rstrip("."),
+            entry.density_source,
+            entry.loss_source,
+        ):
             assert word in words
 
 

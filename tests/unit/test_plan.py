@@ -119,7 +119,9 @@ def test_every_setting_of_the_paper_is_known() -> None:
         "fin.density": 1180.0,
         "fin.segments": 3,
         "fin.hinges": "between",
+        "fin.stiffness_length": "segment",
         "fin.damping_time": 0.01,
+        "fin.hinge_damping": 0.0,
     }
 
 

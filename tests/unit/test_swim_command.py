@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from fin_sim.swim import Swim
 
 CASES = Path(__file__).parents[1] / "data" / "cases"
-PAPER = Path(__file__).parents[2] / "ros2_ws" / "src" / "fin_sim" / "config" / "paper.yaml"
+PAPER = Path(__file__).parents[2] / "ros2_ws" / "src" / "fin_sim" / "config" / "clark2012_simulation.yaml"
 SHORT = ("--duration", "3")
 
 

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
-from fin_plant.fin import FIN_PARAMETERS, Fin
-from fin_sim import swim_command
+from fin_plant.fin import Fin
+from fin_sim import presets, swim_command
 from fin_sim.paper_models import mathematical_model, simulation
-from fin_sim.swim import PAPER_FISH, SIMULATOR_PARAMETERS, swim
+from fin_sim.swim import PAPER_FISH, swim
 from fin_sim.validation import command, measured, paper
 from fin_sim.validation.page import Check, Published, Section, render
 
@@ -121,21 +120,9 @@ def test_preset_swims(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert swim_command.main(["--params-file", str(path), "--duration", "4", *gait, "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["mean_speed"] > 0.0
-    assert (figures["efficiency"] is None) is (path.stem == "paper")  # which has the papers' force at the tip
-
-
-def test_paper_preset_writes_every_number_of_fish_and_fin_out() -> None:
-    path = next(path for path in PRESETS if path.stem == "paper")
-    lines = path.read_text(encoding="utf-8").splitlines()
-    given = {line.split(":")[0].strip(): line for line in lines if line.startswith("    ")}
-    table = {**FIN_PARAMETERS, **SIMULATOR_PARAMETERS}
-    wanted = {n for n, entry in table.items() if n.startswith(("fin.", "body.", "water.")) and entry.kind == "double"}
-    assert wanted <= given.keys()
-    assert all(" # " in line for line in given.values())
-    stated = yaml.safe_load("\n".join(lines))["/**"]["ros__parameters"]
-    for name in wanted - {"fin.young_modulus"}:
-        assert table[name].check(stated[name]) == table[name].default
+    at_the_tip = {"clark2012_model", "clark2012_simulation", "raja_mohamed"}  # the papers' form has no efficiency
+    assert (figures["efficiency"] is None) is (path.stem in at_the_tip)
 
 
 def test_there_are_presets() -> None:
-    assert {path.stem for path in PRESETS} == {"paper", "relay_tail", "sub_carangiform"}
+    assert {path.stem for path in PRESETS} == {*presets.PRESETS, "relay_tail", "sub_carangiform"}

@@ -28,6 +28,7 @@ AREA = "fin.area"
 """Side area in m^2, by the name under which a study that varies a fin's length holds it; no parameter of a plant."""
 
 Hinges = Literal["between", "midpoint"]
+StiffnessLength = Literal["segment", "fin"]
 
 
 def node_table(package: str, node: str) -> ParameterTable:
@@ -58,7 +59,9 @@ class Fin:
     density: float = _DEFAULTS["density"]
     segments: int = _DEFAULTS["segments"]
     hinges: Hinges = _DEFAULTS["hinges"]
+    stiffness_length: StiffnessLength = _DEFAULTS["stiffness_length"]
     damping_time: float = _DEFAULTS["damping_time"]
+    hinge_damping: float = _DEFAULTS["hinge_damping"]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -91,11 +94,11 @@ class Fin:
     def hinge_stiffness(self, position: float) -> float:
         """Return the stiffness in N m/rad of a hinge at ``position`` m behind the fin's root.
 
-        K = E d h^3 / (12 l) with d the local height, h the thickness and l the length of a segment
-        (Raja Mohamed & Raviraj, eq. 3; Clark et al. 2012, eq. 3).
+        K = E d h^3 / (12 l) with d the local height, h the thickness and l the length of a segment (Raja Mohamed &
+        Raviraj, eq. 3) or, as ``stiffness_length`` says, of the whole fin (Clark et al. 2012, eq. 3).
         """
-        segment = self.length / self.segments
-        return self.young_modulus * self.height_at(position) * self.thickness**3 / (12.0 * segment)
+        length = self.length / self.segments if self.stiffness_length == "segment" else self.length
+        return self.young_modulus * self.height_at(position) * self.thickness**3 / (12.0 * length)  # eq. 3
 
     @property
     def heights(self) -> tuple[float, ...]:

@@ -23,7 +23,7 @@ Value = float | int | bool | str | list[float] | list[str]
 Kind = Literal["double", "integer", "bool", "string", "double_array", "string_array"]
 _KINDS: tuple[Kind, ...] = ("double", "integer", "bool", "string", "double_array", "string_array")
 _NEEDED = {"type", "default", "description"}
-_FIELDS = _NEEDED | {"unit", "range", "choices", "one_for_each", "reason", "read_only", "decides_swim"}
+_FIELDS = _NEEDED | {"unit", "range", "choices", "one_for_each", "reason", "read_only", "decides_swim", "earlier"}
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class Parameter:
     Attributes:
         one_for_each: Name of the list of which each entry has one here; empty for a value that stands for itself.
         decides_swim: Whether a fish with another value swims otherwise, of a plant's parameter.
+        earlier: Value that all fish had before there was this parameter; None for those of the first version.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Parameter:
     reason: str = ""
     read_only: bool = False
     decides_swim: bool = True
+    earlier: Value | None = None
 
     @property
     def allowed(self) -> str:
@@ -178,8 +180,11 @@ def _parameter(source: str, name: str, entry: object) -> Parameter:
         reason=" ".join(str(entry.get("reason", "")).split()),
         read_only=bool(entry.get("read_only", False)),
         decides_swim=bool(entry.get("decides_swim", True)),
+        earlier=entry.get("earlier"),
     )
     parameter.check(parameter.default)
+    if parameter.earlier is not None:
+        parameter.check(parameter.earlier)
     return parameter
 
 

@@ -1,9 +1,10 @@
-"""Paths as a person gives them, to a command, in an argument of a launch or in a parameter."""
+"""Paths as a person gives them, to a command, in an argument of a launch or in a parameter; and a package's config."""
 
 from __future__ import annotations
 
 import os
 from argparse import ArgumentTypeError
+from importlib import resources
 from pathlib import Path
 
 
@@ -25,3 +26,13 @@ def given_path(text: str) -> Path:
         msg = f"{text}: {home} is nobody's home here: give the whole path, or ./{text} for a folder of that name"
         raise UnknownHomeError(msg)
     return Path(path)
+
+
+def config_folder(package: str) -> Path:
+    """Return the folder ``config`` of a package: beside its source, or of its installation."""
+    beside = Path(str(resources.files(package))).parent / "config"
+    if beside.is_dir():
+        return beside
+    from ament_index_python import get_package_share_directory  # noqa: PLC0415 - a workspace that is linked needs no ROS
+
+    return Path(get_package_share_directory(package)) / "config"

@@ -7,7 +7,6 @@ import os
 import shutil
 import tempfile
 from dataclasses import dataclass, field, fields, replace
-from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,7 @@ import yaml
 
 from fin_plant import checks, yaml_file
 from fin_plant.gait import MAXIMUM_JOINTS
-from fin_plant.paths import given_path
+from fin_plant.paths import config_folder, given_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -198,17 +197,7 @@ class Robot:
 
 def examples() -> list[str]:
     """Return the names of the example files that come with the package."""
-    return sorted(path.stem for path in _examples_folder().glob("*.yaml"))
-
-
-def _examples_folder() -> Path:
-    """Return the folder config of this very package: beside its source, or of its installation."""
-    beside = Path(str(resources.files("fin_servo_driver"))).parent / "config"
-    if beside.is_dir():
-        return beside
-    from ament_index_python import get_package_share_directory  # noqa: PLC0415 - a workspace that is linked needs no ROS
-
-    return Path(get_package_share_directory("fin_servo_driver")) / "config"
+    return sorted(path.stem for path in config_folder("fin_servo_driver").glob("*.yaml"))
 
 
 def find(name: str) -> Path:
@@ -222,7 +211,7 @@ def find(name: str) -> Path:
         msg = f"robot_file is empty: give the path of your robot's YAML file, or an example to start from ({known})"
         raise ValueError(msg)
     if name in examples():
-        return _examples_folder() / f"{name}.yaml"
+        return config_folder("fin_servo_driver") / f"{name}.yaml"
     path = given_path(name)
     if not path.is_file():
         msg = f"robot_file = {name}: there is no such file, and no example of that name ({known})"

@@ -261,7 +261,7 @@ def fin_links(fin: Fin) -> tuple[tuple[Link, ...], tuple[bool, ...]]:
                 tip_height=fin.height_at(end),
                 mass_per_area=fin.density * fin.thickness,
                 stiffness=stiffness,
-                damping=stiffness * fin.damping_time,
+                damping=stiffness * fin.damping_time + (fin.hinge_damping if start > 0.0 else 0.0),
                 profile=tuple((distance - start, height) for distance, height in points),
             )
         )

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import difflib
+import math
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from fin_plant import checks, yaml_file
+from fin_plant.fin import FIN_PARAMETERS
 
 if TYPE_CHECKING:
     from fin_plant.fin import Fin
 
+_LONGEST_DAMPING_TIME = FIN_PARAMETERS["fin.damping_time"].maximum
 MATERIALS_FILE = Path(__file__).with_name("materials.yaml")
 
 
@@ -27,6 +30,8 @@ class Material:
         modulus_source: Who states it.
         density: Least and largest density, kg/m^3.
         density_source: Who states it.
+        loss_factor: tan delta, loss modulus over storage modulus, near 1 Hz.
+        loss_source: Who states it.
     """
 
     key: str
@@ -35,6 +40,8 @@ class Material:
     modulus_source: str
     density: tuple[float, float]
     density_source: str
+    loss_factor: float
+    loss_source: str
 
     def fins(self, fin: Fin) -> tuple[Fin, Fin]:
         """Return the fin cut from the softest and from the stiffest of this material, at the middle density.
@@ -48,6 +55,20 @@ class Material:
         density = 0.5 * sum(self.density)
         soft, stiff = (replace(fin, young_modulus=modulus, density=density) for modulus in self.young_modulus)
         return soft, stiff
+
+
+def damping_time(loss_factor: float, frequency: float) -> float:
+    """Return the Kelvin-Voigt damping time in s with which a hinge loses as much as its material at ``frequency`` Hz.
+
+    tan delta = 2 pi f tau, tau at most what a fin takes. A material's tan delta changes little with the frequency, so
+    tau belongs to one frequency.
+
+    Raises:
+        ValueError: A loss factor below 0, or a frequency that is not positive.
+    """
+    checks.number("loss_factor", loss_factor, 0.0)
+    checks.number("frequency", frequency, 0.0, unit="Hz", exclusive_minimum=True)
+    return min(loss_factor / (2.0 * math.pi * frequency), _LONGEST_DAMPING_TIME)
 
 
 def _range(where: str, value: object) -> tuple[float, float]:
@@ -79,6 +100,8 @@ def materials() -> dict[str, Material]:
             modulus_source=entry["modulus_source"],
             density=_range(f"{key} density", entry["density"]),
             density_source=entry["density_source"],
+            loss_factor=checks.number(f"{key} loss_factor", entry["loss_factor"], 0.0),
+            loss_source=entry["loss_source"],
         )
     return table
 

@@ -1,4 +1,4 @@
-"""Lists the materials that ``swim --material`` knows: Young's modulus, density and who states them."""
+"""Lists the materials that ``swim --material`` knows: Young's modulus, density, loss and who states them."""
 
 from __future__ import annotations
 
@@ -33,13 +33,16 @@ def _shown(limits: tuple[float, float] | None, unit: float = 1.0) -> str:
 
 def _lines(entries: Sequence[Material], width: int) -> list[str]:
     """Return the table for a screen of so many columns; what a material is and who says so follows its numbers."""
-    rows = [(entry.key, _shown(entry.young_modulus, _PASCAL_A_GIGAPASCAL), _shown(entry.density)) for entry in entries]
-    heads = ("material", "E, GPa", "density, kg/m^3")
+    rows = [
+        (entry.key, _shown(entry.young_modulus, _PASCAL_A_GIGAPASCAL), _shown(entry.density), f"{entry.loss_factor:g}")
+        for entry in entries
+    ]
+    heads = ("material", "E, GPa", "kg/m^3", "tan delta")
     widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
     lines = ["  ".join(map(str.ljust, heads, widths)).rstrip()]
     for row, entry in zip(rows, entries, strict=True):
         modulus_source = entry.modulus_source.rstrip(".")
-        said = f"{entry.name}. E: {modulus_source}. Density: {entry.density_source}."
+        said = f"{entry.name}. E: {modulus_source}. Density: {entry.density_source}. tan delta: {entry.loss_source}."
         lines += ["  ".join(map(str.ljust, row, widths)).rstrip(), wrap(said, width, 4, 4)]
     return [*lines, "", wrap(_AFTER, width, 0, 0), str(MATERIALS_FILE.resolve())]
 

@@ -21,6 +21,7 @@ from fin_plant.parameters import ParameterTable, Value
 from fin_sim.chain import Clamp, Reactive, build_chain
 from fin_sim.dynamics import StepError
 from fin_sim.fish import Fish
+from fin_sim.materials import damping_time
 from fin_sim.servo import Servo
 from fin_sim.swim import SIMULATOR_PARAMETERS, swim
 
@@ -58,6 +59,8 @@ class SwimPlan:
         clamp: ``free``, ``fixed`` or ``towed``.
         tow_speed: m/s, for ``towed``.
         step: Longest time step, s.
+        loss_factor: tan delta of the fin's material, from which its damping time follows with the frequency; where it
+            is None the fin's own damping time holds.
     """
 
     values: dict[str, Value]
@@ -71,6 +74,7 @@ class SwimPlan:
     clamp: Clamp = "free"
     tow_speed: float = 0.0
     step: float = 1e-3
+    loss_factor: float | None = None
 
     def fin(self) -> Fin:
         """Return the fin.
@@ -78,7 +82,10 @@ class SwimPlan:
         Raises:
             ValueError: A value that is refused.
         """
-        return Fin.from_parameters(self.values)
+        fin = Fin.from_parameters(self.values)
+        if self.loss_factor is None or self.frequency <= 0.0:
+            return fin
+        return replace(fin, damping_time=damping_time(self.loss_factor, self.frequency))
 
     def fish(self) -> Fish:
         """Return the fish.

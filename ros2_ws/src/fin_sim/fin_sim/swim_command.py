@@ -38,12 +38,13 @@ if TYPE_CHECKING:
     from fin_plant.parameters import Parameter, Value
     from fin_sim.swim_result import Swim
 
-_PLAN_OPTIONS = tuple(item.name for item in fields(SwimPlan) if item.name != "values")
+_PLAN_OPTIONS = tuple(item.name for item in fields(SwimPlan) if item.name not in {"values", "loss_factor"})
 # What a node's parameter file says of the run, and the option that says it here.
 _RUN_PARAMETERS = {"reactive": "reactive", "step": "step", "drive.ramp_time": "ramp_time"}
 # Parameters that ROS gives every node.
 _EVERY_NODES = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 _OF_MATERIAL = ("fin.young_modulus", "fin.density")
+_DAMPING_TIME = "fin.damping_time"  # follows from a material's loss and the frequency, where it is not given
 _BAD_INPUT = 2
 _SWIM_FAILED = 1
 _INTERRUPTED = 130
@@ -504,8 +505,14 @@ def _run(options: argparse.Namespace) -> int:
         if twice:
             msg = f"--material gives {twice[0]}: leave one of them out"
             raise ValueError(msg)
-        soft, stiff = material(options.material).fins(plan.fin())
-        plan = replace(plan, values={**plan.values, "fin.density": soft.density})
+        cut_from = material(options.material)
+        soft, stiff = cut_from.fins(plan.fin())
+        measured = _DAMPING_TIME in plan.values or any(axis.name == _DAMPING_TIME for axis in axes)
+        plan = replace(
+            plan,
+            values={**plan.values, "fin.density": soft.density},
+            loss_factor=None if measured else cut_from.loss_factor,
+        )
         axes = [Axis("fin.young_modulus", (soft.young_modulus, stiff.young_modulus)), *axes]
     if axes:
         if options.animate:

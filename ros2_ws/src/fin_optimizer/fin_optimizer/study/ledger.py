@@ -113,7 +113,7 @@ class Study:
         with contextlib.ExitStack() as on_failure:
             lock = on_failure.enter_context(locked(folder))
             study = cls(folder, own, lock)
-            if settings is not None and (left_out := [n for n in settings.details if n not in own.details]):
+            if settings is not None and (left_out := own.left_out(settings)):
                 study.notes.append(_left_out(left_out, settings))
             study._fail_unfinished()
             on_failure.pop_all()

@@ -7,6 +7,7 @@ import re
 import uuid
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
+from functools import cache
 from typing import TYPE_CHECKING, Any, cast
 
 from optuna.study import StudyDirection
@@ -15,10 +16,12 @@ from fin_optimizer.checksums import CHECK_SUM, check_sum
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study.journal import StudyError
 from fin_plant import checks, json_file
-from fin_plant.fin import AREA, scaled_to_area
+from fin_plant.fin import AREA, node_table, scaled_to_area
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from fin_plant.parameters import Value
 
 FORMAT = 1
 _CONTENT = ("format", "space", "policy", "objective", "details")
@@ -93,6 +96,10 @@ class Settings:
         own = self.flat()
         return differing(own, {n: value for n, value in other.flat().items() if n in own or n not in _ADDED})
 
+    def left_out(self, other: Settings) -> list[str]:
+        """Return the details of ``other`` that this older version does not tell and that could have been any."""
+        return [name for name in other.details if name not in self.details and name not in _earlier()]
+
     def fin_of(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Return the fin of a candidate as a plant's parameters, as far as the settings tell it.
 
@@ -140,8 +147,19 @@ class Settings:
             raise StudyError(msg) from error
 
 
+@cache
+def _earlier() -> dict[str, Value]:
+    """Return what fins and fish had for parameters that came later."""
+    table = node_table("fin_sim", "simulator")
+    return {name: entry.earlier for name, entry in table.items() if entry.earlier is not None}
+
+
 def differing(there: Mapping[str, object], here: Mapping[str, object]) -> list[str]:
-    """Return a text for each value that differs: ``there`` in the study, and ``here``."""
+    """Return a text for each value that differs: ``there`` in the study, and ``here``.
+
+    A parameter that the study's version did not have yet is there what it was for all fish then.
+    """
+    there = {**{name: value for name, value in _earlier().items() if name in here}, **there}
     return [
         f"{name} is {there.get(name, 'not set')!s} there and {here.get(name, 'not set')!s} here"
         for name in {**there, **here}

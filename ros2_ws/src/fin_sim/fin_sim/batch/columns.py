@@ -20,6 +20,8 @@ FinColumns = Mapping[str, "ArrayLike"]
 
 PROFILE = ("profile_position", "profile_height")
 NAMES = tuple(item.name for item in fields(Fin))
+WORDS = tuple(name for name in NAMES if FIN_PARAMETERS[f"fin.{name}"].choices)
+"""Attributes whose values are words; all others are numbers."""
 
 
 def fin_at(columns: Mapping[str, NDArray[np.generic]], index: int) -> Fin:
@@ -60,8 +62,8 @@ def fin_columns(fins: Sequence[Fin] | FinColumns) -> dict[str, NDArray[np.generi
     columns = {}
     for name in NAMES:
         column = np.atleast_1d(np.asarray(fins.get(name, getattr(defaults, name))))
-        if column.dtype.kind not in ("U" if name == "hinges" else "fiu"):
-            msg = f"fin.{name} must be a column of {'names' if name == 'hinges' else 'numbers'}, got {column.dtype}"
+        if column.dtype.kind not in ("U" if name in WORDS else "fiu"):
+            msg = f"fin.{name} must be a column of {'names' if name in WORDS else 'numbers'}, got {column.dtype}"
             raise ValueError(msg)
         columns[name] = column
     try:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from fin_sim.batch.columns import NAMES
+from fin_sim.batch.columns import NAMES, WORDS
 from fin_sim.batch.equations import LaneLink
 from fin_sim.oscillating_drag import STATIONS, link_coefficients
 
@@ -19,23 +19,39 @@ if TYPE_CHECKING:
     from fin_sim.fish import Fish, Water
 
 
+def stiffness_per_height(fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
+    """Return a hinge's stiffness over the height of the sheet at it, N/rad, shape (n,), as `Fin.hinge_stiffness`."""
+    modulus, thickness, length, segments = (
+        fins[name].astype(float) for name in ("young_modulus", "thickness", "length", "segments")
+    )
+    length = np.where(fins["stiffness_length"] == "segment", length / segments, length)
+    return np.asarray(modulus * thickness**3 / (12.0 * length))  # eq. 3
+
+
+def least_damping_times(fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
+    """Return the least damping over stiffness of any hinge that the fins could have, s, shape (n,)."""
+    highest = np.maximum(fins["height"].astype(float), fins["tip_height"].astype(float))
+    with np.errstate(all="ignore"):  # a fin that is refused may be of any size
+        own = fins["hinge_damping"].astype(float) / (stiffness_per_height(fins) * highest)
+    return np.asarray(fins["damping_time"].astype(float) + own)
+
+
 def link_columns(fish: Fish, fins: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.float64]]:
     """Return the links of fins of equal segments and hinges, by attribute of `Link`, each of shape (n, links)."""
     count = len(fins["length"])
-    number = {name: fins[name].astype(float)[:, None] for name in NAMES if name != "hinges"}
+    number = {name: fins[name].astype(float)[:, None] for name in NAMES if name not in WORDS}
     segments = int(fins["segments"][0])
     inner = np.arange(1, segments) if fins["hinges"][0] == "between" else np.arange(segments) + 0.5
     at = np.concatenate(([0.0], inner / segments, [1.0]))
     heights = number["height"] * (1.0 - at) + number["tip_height"] * at
-    segment = number["length"] / segments
-    stiffness = number["young_modulus"] * heights[:, :-1] * number["thickness"] ** 3 / (12.0 * segment)
+    stiffness = heights[:, :-1] * stiffness_per_height(fins)[:, None]
     tail = {
         "length": number["length"] * np.diff(at),
         "root_height": heights[:, :-1],
         "tip_height": heights[:, 1:],
         "mass_per_area": np.broadcast_to(number["density"] * number["thickness"], (count, len(at) - 1)),
         "stiffness": stiffness,
-        "damping": stiffness * number["damping_time"],
+        "damping": stiffness * number["damping_time"] + number["hinge_damping"],
     }
     return {
         name: np.hstack((np.tile([getattr(link, name) for link in fish.peduncle], (count, 1)), column))

@@ -54,6 +54,8 @@ def proven_fins(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray[
         ratio = np.sqrt(3.0 * stiffness / (virtual * tip**2 * length**3)) * beat / (2.0 * np.pi)
         return np.asarray(
             (ratio >= _PROVEN_FREQUENCY_RATIO)
+            & (fins["stiffness_length"] == "segment")
+            & (fins["hinge_damping"].astype(float) == 0.0)
             & (tip >= height)
             & (tip <= 3.01 * height)
             & (segments <= _PROVEN_SEGMENTS)

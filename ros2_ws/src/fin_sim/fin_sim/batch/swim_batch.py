@@ -17,6 +17,7 @@ from fin_sim.batch.columns import PROFILE, accepted, fin_columns
 from fin_sim.batch.general_kernel import swim_by_general_kernel
 from fin_sim.batch.kernel import LEAST_DAMPING
 from fin_sim.batch.lanes import swim_in_lanes
+from fin_sim.batch.links import least_damping_times
 from fin_sim.batch.proven import proven_fins
 from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, BatchSwim, Status
 from fin_sim.batch.task import checked_task
@@ -56,7 +57,7 @@ def _pieces(task: Task, columns: Mapping[str, NDArray[np.generic]], chosen: NDAr
 
     How a fin swims depends on itself and on what all share, never on the other fins of the batch.
     """
-    damped = columns["damping_time"].astype(float) >= LEAST_DAMPING * task.step
+    damped = least_damping_times(columns) >= LEAST_DAMPING * task.step
     straight = columns["height"] == columns["tip_height"]
     profiled = np.zeros(len(chosen), dtype=bool)
     for name in PROFILE:
