@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import re
@@ -93,20 +94,64 @@ def test_stiff_end_fixes_the_drag_area_and_the_rest_is_predicted() -> None:
     assert curve.best[0] < curve.modulus[-1]
 
 
-def test_measured_swims_beat_at_2_hz_and_turn_against_their_bias() -> None:
+def test_measured_swims_beat_at_098_hz_slower_with_bias_and_turn_against_it() -> None:
     swims = measured.read_swims(DATA / "tail_actuated_fish_swims")
     assert len(swims) == 27
-    assert measured.beat_frequency(swims) == pytest.approx(2.0, abs=0.1)
-    assert all(swim.bias * swim.turning_rate < 0.0 for swim in swims if swim.bias)
+    assert not any(each.lost for each in swims)
+    for each in swims:
+        expected = (0.93, 0.02) if each.bias else (0.98, 0.01)
+        assert each.frequency == pytest.approx(expected[0], abs=expected[1])
+        assert each.bias * each.means.turning_rate < 0.0 or each.bias == 0
+
+
+@pytest.mark.parametrize("amplitude", [15, 25, 30])
+def test_beats_and_speeds_fit_the_true_time_and_not_the_logged_one(amplitude: int) -> None:
+    path = DATA / "tail_actuated_fish_swims" / f"amplitude{amplitude}_bias+0_run1.csv"
+    rows = np.genfromtxt(path, delimiter=",", names=True)
+    pictures = len(rows)
+    yaw_rate = (rows["yaw_rate"] - np.mean(rows["yaw_rate"])) * np.hanning(pictures)
+    beats_per_picture = np.fft.rfftfreq(8192)[40:][np.argmax(np.abs(np.fft.rfft(yaw_rate, 8192))[40:])]
+    beats = beats_per_picture * (pictures - 1)
+    assert beats / np.ptp(rows["t"]) == pytest.approx(0.98, abs=0.02)
+    assert beats / np.ptp(rows["t_logged"]) == pytest.approx(2.0, abs=0.05)
+    along_track = np.hypot(np.gradient(rows["x"], rows["t"]), np.gradient(rows["y"], rows["t"]))
+    speed = np.hypot(rows["v_forward"], rows["v_lateral"])
+    assert np.median(speed) == pytest.approx(np.median(along_track), rel=0.1)
+
+
+def test_beat_frequency_is_found_in_uneven_pictures_of_a_turning_fish() -> None:
+    random = np.random.default_rng(1)
+    time = np.cumsum(random.uniform(0.05, 0.12, 120))
+    yaw_rate = 0.2 + 0.01 * time + 0.4 * np.sin(2.0 * math.pi * 0.9123 * time + 1.0) + random.normal(0.0, 0.05, 120)
+    assert measured.beat_frequency(time, yaw_rate) == pytest.approx(0.9123, abs=2e-3)
+
+
+def test_noise_of_one_swim_is_of_repeats_that_kept_the_fish() -> None:
+    swims = measured.read_swims(DATA / "tail_actuated_fish_swims")
+    repeats = measured.read_swims(DATA / "tail_actuated_fish_third_runs")
+    noise = measured.repeat_noise(swims, repeats)
+    assert (noise.pairs, noise.lost) == (19, 7)
+    assert noise.speed == pytest.approx(0.0041, abs=1e-4)
+    assert noise.turning_rate == pytest.approx(0.0113, abs=1e-3)
+    with pytest.raises(ValueError, match="no swim was repeated"):
+        measured.repeat_noise(swims, [repeat for repeat in repeats if repeat.lost])
+
+
+def test_numbers_of_computed_swims_are_found_again() -> None:
+    true = np.array((math.log(2e-3), math.log(0.03), math.log(1e-2), 0.05))
+    unswum = measured.Means(0.0, 0.0, 0.0)
+    swims = [measured.Measured(25, bias, 0.95, 3.0, 0.03, unswum) for bias in (-40, 0, 40)]
+    swims = [dataclasses.replace(each, means=measured.predict(true, each)) for each in swims]
+    assert measured.identify(swims) == pytest.approx(true, abs=0.02)
 
 
 def test_predicted_swims_turn_to_the_measured_side() -> None:
     swims = measured.read_swims(DATA / "tail_actuated_fish_swims")
     numbers = np.array(measured._START)
-    for logged in swims[::6]:
-        speed, turning_rate = measured.predict(numbers, logged, 2.0)
-        assert speed > 0.0
-        assert turning_rate * logged.bias <= 0.0
+    for each in swims[::6]:
+        means = measured.predict(numbers, each)
+        assert means.speed > 0.0
+        assert means.turning_rate * each.bias <= 0.0
 
 
 def test_folder_without_swims_is_refused(tmp_path: Path) -> None:
