@@ -24,7 +24,7 @@ from functools import partial
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import wait
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
@@ -37,6 +37,7 @@ from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
+    from concurrent.futures import Future
 
     from fin_optimizer.paper.experiments import Table
 
@@ -175,6 +176,34 @@ def _end_with_parent() -> None:
 
 
 @contextmanager
+def _interrupt_held_back() -> Iterator[None]:
+    """Let Ctrl-C wait until the block has ended; a process that is started meanwhile never sees it.
+
+    The mask is what the process inherits. It does not hold the signal back here, where another thread may take it for
+    all: that is the handler's part.
+    """
+    came = []
+    before = signal.signal(signal.SIGINT, lambda *_: came.append(True))
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        signal.signal(signal.SIGINT, before)
+        if came:
+            signal.raise_signal(signal.SIGINT)
+
+
+class _Processes(ProcessPoolExecutor):
+    """Worker processes that Ctrl-C finds either not begun or known, so that all of them can be ended."""
+
+    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
+        """Start what is submitted, and a worker for it where one is missing."""
+        with _interrupt_held_back():
+            return super().submit(*arguments, **named)
+
+
+@contextmanager
 def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
     """Yield where the runs are carried out: processes of this machine, or a Dask cluster.
 
@@ -189,12 +218,9 @@ def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
         # to answer. They inherit the mask; a signal that comes meanwhile reaches this process behind it. The tracker
         # of resources, which is started too, would lift the mask again.
         resource_tracker.ensure_running()
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        try:
+        with _interrupt_held_back():
             forkserver.ensure_running()
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-        with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent) as pool:
+        with _Processes(workers, mp_context=context, initializer=_end_with_parent) as pool:
             try:
                 yield pool
             except KeyboardInterrupt:
