@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fin_plant.fin import Fin
 from fin_plant.gait import Gait, JointDrive
 from fin_sim.angular_momentum import angular_momentum_budget
-from fin_sim.fish import Body, Fish, Link, Water
+from fin_sim.fish import Fish, Link, Water
 from fin_sim.swim import Swim, swim
+from support.paper_fish import BODY
+from support.paper_fish import FIN as PAPER_FIN
 
-BODY = Body.ellipsoid(0.14, 0.045, 0.06, drag_area=2e-3, lift_area=0.05, yaw_drag=4e-4)
-FIN = Fin(
-    young_modulus=1.2e9,
-    length=0.08,
-    height=0.025,
-    tip_height=0.035,
-    thickness=2.08e-4,
-    density=1180.0,
-    segments=3,
-    hinges="between",
-    damping_time=0.01,
-)
+FIN = replace(PAPER_FIN, tip_height=0.035)
 TURN = Gait((JointDrive(math.radians(15.0), 0.9, 0.0, math.radians(10.0)),))
 
 

@@ -8,28 +8,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fin_plant.fin import Fin
 from fin_plant.gait import Gait, JointDrive
 from fin_sim import dynamics
 from fin_sim.batch import Status, swim_batch
 from fin_sim.chain import Chain
 from fin_sim.energy import energy_budget
-from fin_sim.fish import Body, Fish, Link, Water
+from fin_sim.fish import Fish, Link, Water
 from fin_sim.stream_messages import StreamMessages
 from fin_sim.swim import Swim, swim
+from support.paper_fish import BODY, FIN
 
-BODY = Body.ellipsoid(0.14, 0.045, 0.06, drag_area=2e-3, lift_area=0.05, yaw_drag=4e-4)
-FIN = Fin(
-    young_modulus=1.2e9,
-    length=0.08,
-    height=0.025,
-    tip_height=0.025,
-    thickness=2.08e-4,
-    density=1180.0,
-    segments=3,
-    hinges="between",
-    damping_time=0.01,
-)
 GAIT = Gait((JointDrive(math.radians(15.0), 0.9, 0.0, math.radians(5.0)),))
 STILL, STREAM = Water(1000.0, 1.0), Water(1000.0, 1.0, current_x=0.02, current_y=-0.03)
 

@@ -15,21 +15,10 @@ from fin_sim.batch.columns import fin_columns
 from fin_sim.batch.links import lane_constants, link_columns, normal_drags
 from fin_sim.chain import RESISTIVE, Chain, build_chain
 from fin_sim.energy import energy_budget
-from fin_sim.fish import Body, Fish, Link, Water
+from fin_sim.fish import Fish, Link, Water
 from fin_sim.swim import swim, swim_chain
+from support.paper_fish import BODY, FIN
 
-BODY = Body.ellipsoid(0.14, 0.045, 0.06, drag_area=2e-3, lift_area=0.05, yaw_drag=4e-4)
-FIN = Fin(
-    young_modulus=1.2e9,
-    length=0.08,
-    height=0.025,
-    tip_height=0.025,
-    thickness=2.08e-4,
-    density=1180.0,
-    segments=3,
-    hinges="between",
-    damping_time=0.01,
-)
 AMPLITUDE = math.radians(15.0)
 GAIT = Gait((JointDrive(AMPLITUDE, 0.9),))
 PLATES = Water(1000.0, 1.0, 8.0)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fin_sim.batch.links import stiffness_per_height
 from fin_sim.swim import PAPER_FISH
 
 if TYPE_CHECKING:
@@ -42,15 +43,14 @@ def proven_fins(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray[
     )
     if not like_the_papers:
         return np.zeros(count, dtype=bool)
-    modulus, length, height, tip, thickness, density, damping = (
-        fins[name].astype(float)
-        for name in ("young_modulus", "length", "height", "tip_height", "thickness", "density", "damping_time")
+    length, height, tip, thickness, density, damping = (
+        fins[name].astype(float) for name in ("length", "height", "tip_height", "thickness", "density", "damping_time")
     )
     segments = fins["segments"].astype(float)
     virtual = 0.25 * np.pi * task.fish.water.density
     # A hinge's own frequency with the water of a fin that is as high as its highest end over the beat's.
-    stiffness = modulus * (height + tip) * thickness**3 * segments / (24.0 * length)
     with np.errstate(all="ignore"):  # a fin that is refused may be of any size
+        stiffness = stiffness_per_height(fins) * 0.5 * (height + tip)
         ratio = np.sqrt(3.0 * stiffness / (virtual * tip**2 * length**3)) * beat / (2.0 * np.pi)
         return np.asarray(
             (ratio >= _PROVEN_FREQUENCY_RATIO)
