@@ -268,7 +268,8 @@ def check_every_mutant(
         f"{len(equivalent)} explained; {time.monotonic() - began:.0f} s"
     )
     assert alive[:1] == [0], (folder / "0.log").read_text(encoding="utf-8")[-2000:]
-    assert [tried[number - 1][0] for number in alive[1:]] == []
+    survived = [tried[number - 1][0] for number in alive[1:]]
+    assert survived == [], f"nothing notices: {survived}"
 
 
 class _InItsPlace(importlib.abc.MetaPathFinder):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fin_plant.gait import GaitFollower
+from fin_plant.start import interrupt_held_back
 from fin_sim.chain import fin_links
 from fin_sim.swim import RAMP_TIME, SIMULATOR_PARAMETERS
 
@@ -32,8 +33,9 @@ def require() -> Any:
         ValueError: It is not installed.
     """
     try:
-        import mujoco  # noqa: PLC0415  (needed for the comparison only)
-        import mujoco.rollout  # noqa: PLC0415
+        with interrupt_held_back():  # one that comes while it loads can be an ImportError
+            import mujoco  # noqa: PLC0415  (needed for the comparison only)
+            import mujoco.rollout  # noqa: PLC0415
     except ImportError:
         msg = "the comparison needs MuJoCo: pip install -r requirements/bench.txt, or use `make bench`"
         raise ValueError(msg) from None

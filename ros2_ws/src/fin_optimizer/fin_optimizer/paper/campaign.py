@@ -11,7 +11,6 @@ import argparse
 import json
 import multiprocessing
 import os
-import signal
 import sys
 import threading
 import time
@@ -34,6 +33,7 @@ from fin_optimizer.paper import figures
 from fin_optimizer.paper.experiments import EXPERIMENTS, Campaign, Run, groups, perform, planned_runs
 from fin_plant import checks, json_file
 from fin_plant.paths import given_path
+from fin_plant.start import interrupt_held_back
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -175,31 +175,12 @@ def _end_with_parent() -> None:
         threading.Thread(target=watch, daemon=True).start()
 
 
-@contextmanager
-def _interrupt_held_back() -> Iterator[None]:
-    """Let Ctrl-C wait until the block has ended; a process that is started meanwhile never sees it.
-
-    The mask is what the process inherits. It does not hold the signal back here, where another thread may take it for
-    all: that is the handler's part.
-    """
-    came = []
-    before = signal.signal(signal.SIGINT, lambda *_: came.append(True))
-    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-        signal.signal(signal.SIGINT, before)
-        if came:
-            signal.raise_signal(signal.SIGINT)
-
-
 class _Processes(ProcessPoolExecutor):
     """Worker processes that Ctrl-C finds either not begun or known, so that all of them can be ended."""
 
     def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
         """Start what is submitted, and a worker for it where one is missing."""
-        with _interrupt_held_back():
+        with interrupt_held_back():
             return super().submit(*arguments, **named)
 
 
@@ -218,7 +199,7 @@ def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
         # to answer. They inherit the mask; a signal that comes meanwhile reaches this process behind it. The tracker
         # of resources, which is started too, would lift the mask again.
         resource_tracker.ensure_running()
-        with _interrupt_held_back():
+        with interrupt_held_back():
             forkserver.ensure_running()
         with _Processes(workers, mp_context=context, initializer=_end_with_parent) as pool:
             try:
@@ -229,7 +210,8 @@ def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
                 raise
         return
     try:
-        from distributed import Client  # noqa: PLC0415  (needed by those who have a cluster only)
+        with interrupt_held_back():  # one that comes while a library loads can be an ImportError
+            from distributed import Client  # noqa: PLC0415  (needed by those who have a cluster only)
     except ImportError:
         msg = "--dask needs the package distributed: pip install -r requirements/bench.txt"
         raise ValueError(msg) from None

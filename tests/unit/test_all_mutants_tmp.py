@@ -1,0 +1,92 @@
+"""Mutation testing of what decides a study: every small change of its code is noticed by its tests, or explained."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+from support.mutants import check_every_mutant
+from support.source_tree import SOURCE
+
+pytestmark = pytest.mark.long
+HERE = Path(__file__).parent
+FRONT = "test_known_numbers.py::test_each_fin_of_the_pareto_front_is_a_parent_as_often"
+# The files that decide, each with its tests, the quickest first.
+TESTS = {
+    "search/space": ["test_search.py"],
+    "search/hill_climber": ["test_search.py", FRONT],
+    "search/one_by_one": ["test_one_by_one.py"],
+    "search/genetic": ["test_genetic.py"],
+    "search/cma_es": ["test_genetic.py"],
+    "plan": ["test_plan.py"],
+    "score/swim": ["test_swim_score.py"],
+    "score/mean_speed": ["test_score_limits.py", "test_score.py"],
+    "trial/trial": ["test_trial.py"],
+    "trial/phases": ["test_trial.py"],
+    "study/candidate": ["test_candidate.py"],
+}
+LARGEST: dict[str, int] = {}
+"""How many mutants are tried, where there are too many for all: a drawn but fixed choice."""
+TABLES = {"trial/phases": ["PHASES"]}
+"""Tables outside functions whose rows are changed too."""
+EQUIVALENT = {
+    "search/one_by_one": {
+        "propose: True -> False": "a generation has as many columns as the space has names",
+    },
+    "search/genetic": {
+        "propose: 1 -> 2": "two genes can be cut in one place only; the first cut of three has a test of its own",
+        "mutated: if not rows.size: -> if False:": "a redraw of nothing changes nothing, it only takes its time",
+    },
+    "search/cma_es": {
+        "_tell: True -> False": "that there are as many scores as candidates was checked above",
+        "_tell: 0.0 -> 1.0": "without any score all candidates are equal, whatever they count as",
+    },
+    "score/swim": {
+        "start_of_swim: '' -> 'another'": "neither is a number",
+        "refuse_folded: 0.0 -> 1.0": "a hinge at 1 rad is no folded one either",
+    },
+    "score/mean_speed": {
+        "_speed_before: stamps > start -> stamps >= start": "a usable sample at the start is one of those before",
+    },
+    "trial/trial": {
+        "__init__: 1 -> 2": "any place below 0 is before the first phase",
+        "__init__: self._progress_at = 0.0 -> pass": "the first phase sets it before anybody asks",
+        "__init__: 0.0 -> 1.0": "the first phase sets it before anybody asks",
+        "has: 0 -> 1": "the first phase has no rule",
+        "has: self._index >= 0 -> self._index > 0": "the first phase has no rule",
+        "looks_up: frozenset() if self._index < 0 else PHASES[self._index].looks_up -> PHASES[self._index].looks_up": (
+            "the last phase looks up nothing"
+        ),
+    },
+    "trial/phases": {
+        "same_value: list | tuple -> tuple": "a list is one already",
+        "_wrong: '' -> 'another'": "neither is a value of a fin",
+        "_not_at_start: 0.0 -> 1.0": "a tail without an angle is straight",
+        "settle: course.window.start_ns if course.window else 0 -> course.window.start_ns": "a swim has a window",
+        "measure: course.window.end_ns if course.window else 0 -> course.window.end_ns": "a swim has a window",
+        "settle: 0 -> 1": "a swim has a window",
+        "measure: 0 -> 1": "a swim has a window",
+        "close the bag: 'reply' -> 'another'": "it is over at once",
+        "close the bag: 'the bag was not closed' -> 'another'": "it is over at once",
+    },
+}
+"""Mutants that do the same as the original, with the reason."""
+
+
+def test_every_file_of_the_searches_is_among_those_that_are_changed() -> None:
+    room = SOURCE / "fin_optimizer/fin_optimizer/search"
+    files = {f"search/{path.stem}" for path in room.glob("[a-z]*.py")}
+    assert files <= TESTS.keys()
+
+
+@pytest.mark.timeout(1500)
+@pytest.mark.parametrize("name", TESTS)
+def test_every_mutant_is_killed_or_explained(name: str, tmp_path: Path) -> None:
+    """Of the files in `LARGEST` as many as stand there, drawn with a fixed seed; of the others all."""
+    module = importlib.import_module(f"fin_optimizer.{name.replace('/', '.')}")
+    tests = [str(HERE / test) for test in TESTS[name]]
+    check_every_mutant(
+        module, tests, EQUIVALENT.get(name, {}), tmp_path, tables=TABLES.get(name, ()), largest=LARGEST.get(name, 400)
+    )

@@ -1,0 +1,31 @@
+"""Ctrl-C while a block that must not be broken off is under way."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+
+from fin_plant.start import interrupt_held_back
+
+
+def test_an_interrupt_waits_for_the_end_of_the_block() -> None:
+    reached = []
+
+    def block() -> None:
+        with interrupt_held_back():
+            signal.raise_signal(signal.SIGINT)
+            reached.append("the end of the block")
+        reached.append("what comes after it")
+
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    assert reached == ["the end of the block"]
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_a_block_without_an_interrupt_ends_as_any_other() -> None:
+    with interrupt_held_back():
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, [])
