@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fin_plant.gait import Gait
+    from fin_sim.motor import Motor
 
 Clamp = Literal["free", "fixed", "towed"]
 Reactive = Literal["tip", "distributed"]
@@ -30,9 +31,10 @@ MAXIMUM_LINKS = MAXIMUM_JOINTS + 1
 
 # Columns of the kernel's table of links. Moments are integrals over the link of density times (distance from the
 # joint)^j: VIRTUAL_j of the virtual mass per length pi/4 rho d^2, SOLID_j of the solid mass per length.
+# PRESCRIBED is 1 where the joint's angle is; a joint with a motor has its `Motor.constants`, which else are 0.
 # After them come the pieces between the points of its profile, along each of which the height is linear: distance of
 # its end behind the joint, height at its front and slope. A link of fewer pieces than another ends with columns of 0.
-FIRST_PIECE = 12
+FIRST_PIECE = 17
 (
     LENGTH,
     VIRTUAL_0,
@@ -44,9 +46,15 @@ FIRST_PIECE = 12
     TIP_VIRTUAL,
     STIFFNESS,
     DAMPING,
-    DRIVEN,
+    PRESCRIBED,
     RESISTIVE,
+    STALL_TORQUE,
+    BACK_EMF,
+    GAIN,
+    RATE_GAIN,
+    ROTOR,
 ) = range(FIRST_PIECE)
+_NO_MOTOR = (0.0,) * (FIRST_PIECE - STALL_TORQUE)
 PIECE_COLUMNS = 3
 PIECE_END, PIECE_HEIGHT, PIECE_SLOPE = range(PIECE_COLUMNS)
 
@@ -82,11 +90,12 @@ class Chain:
     Attributes:
         body: The rigid body.
         links: From the head to the tail, 1 to 21.
-        driven: For each link whether its joint is prescribed; at least one is.
+        driven: For each link whether its joint is driven; at least one is.
         water: The water.
         reactive: Form of Lighthill's force, ``distributed`` (energy-consistent) or ``tip`` (the papers').
         clamp: ``free`` body, ``fixed`` body, or ``towed`` forward at ``tow_speed``.
         tow_speed: m/s, for ``towed``.
+        motor: What drives each driven joint; where there is none its angle is prescribed.
         normal_drags: C_N of each link, where a gait has decided it (`for_gait`); else the water's, of every link.
 
     Raises:
@@ -100,6 +109,7 @@ class Chain:
     reactive: Reactive = "distributed"
     clamp: Clamp = "free"
     tow_speed: float = 0.0
+    motor: Motor | None = None
     normal_drags: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
@@ -138,8 +148,9 @@ class Chain:
             virtual * link.tip_height**2,
             0.0 if is_driven else link.stiffness,
             0.0 if is_driven else link.damping,
-            float(is_driven),
+            float(is_driven and self.motor is None),
             -0.5 * self.water.density * normal_drag,
+            *(self.motor.constants if is_driven and self.motor else _NO_MOTOR),
             *_pieces(link),
         ]
 
@@ -171,6 +182,11 @@ class Chain:
         )
 
     @property
+    def longest_step(self) -> float:
+        """Longest time step in s that resolves the servos' motors; infinite without any."""
+        return self.motor.longest_step if self.motor else math.inf
+
+    @property
     def held_velocity(self) -> tuple[float, float]:
         """Forward and sideways velocity through the water of a body that is held or towed, m/s; of a free one 0."""
         if self.clamp == "free":
@@ -199,17 +215,17 @@ class Chain:
             sideways = sideways - row[LENGTH] * turning
         return mass
 
-    def _moving(self) -> tuple[list[int], list[int]]:
-        """Return the indices of the mass matrix that move freely, and of its passive joints."""
-        passive = [2 + index for index, is_driven in enumerate(self.driven) if not is_driven]
-        return ([0, 1] if self.clamp == "free" else []) + passive, passive
+    def _joints(self, *, driven: bool) -> list[int]:
+        """Return the indices in the mass matrix of the driven joints, or of the passive ones."""
+        return [2 + index for index, is_driven in enumerate(self.driven) if is_driven is driven]
 
     def bending_frequencies(self) -> NDArray[np.float64]:
         """Return the undamped natural frequencies in Hz of the straight tail in still water, lowest first.
 
-        The body is held; the virtual mass of the water is included. Empty for a tail without passive joints.
+        The body and the servos are held; the virtual mass of the water is included. Empty for a tail without passive
+        joints.
         """
-        _, passive = self._moving()
+        passive = self._joints(driven=False)
         if not passive:
             return np.zeros(0)
         mass = self.straight_mass_matrix()[np.ix_(passive, passive)]
@@ -222,16 +238,19 @@ class Chain:
 
         Returns:
             Matrix of shape (rows, 2 passive joints): its columns are the passive angles and rates, its rows the
-            accelerations of sway and yaw (free body only) and of the passive joints; and the rows' positions in the
-            kernel's vector of velocities (surge, sway, yaw, joints).
+            accelerations of sway and yaw (free body only), of the passive joints and of those with a motor; and the
+            rows' positions in the kernel's vector of velocities (surge, sway, yaw, joints).
         """
-        moving, passive = self._moving()
+        passive, motors = self._joints(driven=False), self._joints(driven=True) if self.motor else []
+        moving = ([0, 1] if self.clamp == "free" else []) + sorted(passive + motors)
         links = [link for link, is_driven in zip(self.links, self.driven, strict=True) if not is_driven]
         load = np.zeros((len(moving), 2 * len(passive)))
         for column, (joint, link) in enumerate(zip(passive, links, strict=True)):
             row = moving.index(joint)
             load[row, column], load[row, len(passive) + column] = -link.stiffness, -link.damping
-        mass = self.straight_mass_matrix()[np.ix_(moving, moving)]
+        mass = self.straight_mass_matrix()
+        mass[motors, motors] += self.motor.inertia if self.motor else 0.0
+        mass = mass[np.ix_(moving, moving)]
         # Scaled to a unit diagonal: the body weighs up to 1e15 times the tip of a fin that ends in a point.
         scale = 1.0 / np.sqrt(np.diag(mass))
         scaled = scipy.linalg.solve(scale[:, None] * mass * scale, scale[:, None] * load, assume_a="sym")
@@ -290,4 +309,5 @@ def build_chain(
         reactive=reactive,
         clamp=clamp,
         tow_speed=tow_speed,
+        motor=fish.motor,
     )

@@ -5,7 +5,8 @@ reactive force and a resistive force act on. Accelerations follow from the artic
 *Rigid Body Dynamics Algorithms*, 2008, chapter 7) in body axes, in time proportional to the number of links.
 
 State, shape (6 + 2 N,): x, y, heading in the tank; forward, sideways velocity through the water and yaw rate in body
-axes; N joint angles; N joint rates. A driven joint's angle, rate and acceleration are prescribed. In a steady uniform
+axes; N joint angles; N joint rates. A driven joint's angle, rate and acceleration are prescribed, or its motor follows
+them (`motor`). In a steady uniform
 current the frame that moves with the water is inertial: there the equations are those of still water.
 
 Time stepping: the classical Runge-Kutta method of order 4, in the exponential form of Cox & Matthews (Journal of
@@ -23,18 +24,23 @@ import scipy.linalg
 
 from fin_plant import checks
 from fin_sim.chain import (
+    BACK_EMF,
     DAMPING,
-    DRIVEN,
     FIRST_PIECE,
+    GAIN,
     LENGTH,
     PIECE_COLUMNS,
     PIECE_END,
     PIECE_HEIGHT,
     PIECE_SLOPE,
+    PRESCRIBED,
+    RATE_GAIN,
     RESISTIVE,
+    ROTOR,
     SOLID_0,
     SOLID_1,
     SOLID_2,
+    STALL_TORQUE,
     STIFFNESS,
     TIP_VIRTUAL,
     VIRTUAL_0,
@@ -55,8 +61,8 @@ X, Y, HEADING, SURGE, SWAY, YAW_RATE = range(BODY_STATES)
 # part alone, mechanical power of the servos; then the torque of each joint.
 FORCE_X, FORCE_Y, CONVECTIVE_X, CONVECTIVE_Y, SERVO_POWER, RECORD_HEAD = range(6)
 # Scratch of one link: sine and cosine of its angle, velocity of its joint, yaw rate; coupling of its articulated
-# inertia between force and turning (2), articulated moment of inertia, bias moment.
-SCRATCH_COLUMNS = 9
+# inertia between force and turning (2), articulated moment of inertia, bias moment, torque of a joint that is free.
+SCRATCH_COLUMNS = 10
 
 
 @kernel
@@ -98,6 +104,16 @@ def _resistive_wrench(w: float, turn: float, link: Array) -> tuple[float, float]
 
 
 @kernel
+def _joint_torque(angle: float, rate: float, drive: Array, link: Array) -> float:
+    """Return the torque in N m of a joint that is not prescribed: its motor's, or its spring's and damper's."""
+    torque: float = -link[STIFFNESS] * angle - (link[DAMPING] + link[BACK_EMF]) * rate
+    if link[STALL_TORQUE] > 0.0:
+        duty = link[GAIN] * (drive[0] - angle) + link[RATE_GAIN] * (drive[1] - rate)
+        torque += link[STALL_TORQUE] * min(max(duty, -1.0), 1.0)
+    return torque
+
+
+@kernel
 def evaluate(
     state: Array,
     drive: Array,
@@ -112,15 +128,16 @@ def evaluate(
     """Write the state's time derivative and the record of forces.
 
     Args:
-        state: Shape (6 + 2 N,). Angles and rates of driven joints are set to ``drive``'s.
-        drive: Shape (N, 3), angle, rate and acceleration of the driven joints; other rows are not read.
+        state: Shape (6 + 2 N,). Angles and rates of prescribed joints are set to ``drive``'s.
+        drive: Shape (N, 3), angle, rate and acceleration of the driven joints; other rows are not read. A motor's
+            joint follows angle and rate.
         links: Shape (N, columns), `Chain.link_table`.
         body: Shape (11,), `Chain.body_vector`.
         free: Whether the body moves under its forces; otherwise its velocity stays as it is.
         distributed: Whether the convective force acts where it arises, or at the tip.
         derivative: Written, shape (6 + 2 N,).
         record: Written, shape (``RECORD_HEAD`` + N,).
-        scratch: Overwritten, shape (N, 9).
+        scratch: Overwritten, shape (N, ``SCRATCH_COLUMNS``).
     """
     count = links.shape[0]
     mass_surge, mass_sway, inertia, munk = body[0], body[1], body[2], body[3]
@@ -131,7 +148,7 @@ def evaluate(
     # Outward: positions and velocities of the links, in body axes.
     angle, turn, vx, vy = 0.0, r, u, v - offset * r
     for k in range(count):
-        if links[k, DRIVEN] > 0.0:
+        if links[k, PRESCRIBED] > 0.0:
             state[BODY_STATES + k] = drive[k, 0]
             state[BODY_STATES + count + k] = drive[k, 1]
         angle += state[BODY_STATES + k]
@@ -199,18 +216,20 @@ def evaluate(
         pt += m1 * turn * along - ct
         # Through the joint to the link in front.
         scratch[k, 5], scratch[k, 6], scratch[k, 7] = hx, hy, it
-        if links[k, DRIVEN] > 0.0:
+        if links[k, PRESCRIBED] > 0.0:
             bend = drive[k, 2]
             scratch[k, 8] = pt
             px, py, pt = px + hx * bend, py + hy * bend, pt + it * bend
         else:
-            torque = -links[k, STIFFNESS] * state[BODY_STATES + k] - links[k, DAMPING] * state[BODY_STATES + count + k]
-            inverse = 1.0 / it
-            scratch[k, 8] = pt
+            torque = _joint_torque(state[BODY_STATES + k], state[BODY_STATES + count + k], drive[k], links[k])
+            rotor = links[k, ROTOR]
+            inverse = 1.0 / (it + rotor)
+            share = rotor * inverse  # of what the link in front does that the rotor takes over
+            scratch[k, 8], scratch[k, 9] = pt, torque
             push = (torque - pt) * inverse
-            px, py, pt = px + hx * push, py + hy * push, torque
+            px, py, pt = px + hx * push, py + hy * push, torque - rotor * push
             ixx, ixy, iyy = ixx - hx * hx * inverse, ixy - hx * hy * inverse, iyy - hy * hy * inverse
-            hx, hy, it = 0.0, 0.0, 0.0
+            hx, hy, it = share * hx, share * hy, share * it
 
     # The body.
     kx, ky = -v * r + offset * r * r, u * r
@@ -250,13 +269,15 @@ def evaluate(
         sine, cosine, turn = scratch[k, 0], scratch[k, 1], scratch[k, 4]
         hx, hy, it, pt = scratch[k, 5], scratch[k, 6], scratch[k, 7], scratch[k, 8]
         rate = state[BODY_STATES + count + k]
-        if links[k, DRIVEN] > 0.0:
+        if links[k, PRESCRIBED] > 0.0:
             relative = drive[k, 2]
             torque = hx * ax + hy * ay + it * (bend + relative) + pt
             power += torque * rate
         else:
-            torque = -links[k, STIFFNESS] * state[BODY_STATES + k] - links[k, DAMPING] * rate
-            relative = (torque - pt - hx * ax - hy * ay) / it - bend
+            torque = scratch[k, 9]
+            relative = (torque - pt - hx * ax - hy * ay - it * bend) / (it + links[k, ROTOR])
+            if links[k, STALL_TORQUE] > 0.0:
+                power += torque * rate
         bend += relative
         derivative[BODY_STATES + k] = rate
         derivative[BODY_STATES + count + k] = relative
@@ -298,7 +319,7 @@ def propagator(chain: Chain, step: float) -> tuple[NDArray[np.int64], NDArray[np
     angles = [BODY_STATES + index for index in passive]
     rates = [BODY_STATES + links + index for index in passive]
     accelerated = [SURGE + row if row < YAW_RATE - SURGE + 1 else BODY_STATES + links + row - 3 for row in rows]
-    states = angles + rates + [state for state in accelerated if state < BODY_STATES]
+    states = angles + rates + [state for state in accelerated if state not in rates]
     linear = np.zeros((size, size))
     linear[:count, count : 2 * count] = np.eye(count)
     for row, state in zip(response, accelerated, strict=True):

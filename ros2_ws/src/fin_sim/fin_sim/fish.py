@@ -1,4 +1,4 @@
-"""The fish without its fin: body, peduncle and the water around it, as validated values."""
+"""The fish without its fin: body, peduncle, motor and the water around it, as validated values."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import elliprd
 
 from fin_plant import checks
+from fin_sim.motor import Motor
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -225,11 +226,13 @@ class Fish:
         body: Its rigid body.
         water: What it swims in.
         peduncle: Driven links between the body and the fin; empty for a fin that sits on the servo's joint.
+        motor: What drives each servo; without one its angle is prescribed, whatever torque that takes.
     """
 
     body: Body
     water: Water = field(default_factory=Water)
     peduncle: tuple[Link, ...] = ()
+    motor: Motor | None = None
 
     @property
     def driven_joints(self) -> int:
@@ -238,7 +241,7 @@ class Fish:
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, object]) -> Fish:
-        """Build the fish from the simulator's parameters ``body.*``, ``water.*`` and ``peduncle.*``.
+        """Build the fish from the simulator's parameters ``body.*``, ``water.*`` and ``peduncle.*``, and its motor.
 
         An added mass below 0 stands for the ellipsoid's own.
 
@@ -257,7 +260,7 @@ class Fish:
         chosen = {name: float(value) for name, value in given.items() if value is not None and float(value) >= 0.0}  # type: ignore[arg-type]
         body = Body(**{**{item.name: getattr(body, item.name) for item in fields(Body)}, **chosen})
         water = Water(**{item.name: float(own[f"water.{item.name}"]) for item in fields(Water)})  # type: ignore[arg-type]
-        return cls(body, water, _peduncle(values))
+        return cls(body, water, _peduncle(values), Motor.from_parameters(values))
 
 
 def _peduncle(values: Mapping[str, object]) -> tuple[Link, ...]:

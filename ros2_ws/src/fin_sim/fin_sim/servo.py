@@ -10,6 +10,8 @@ the time constant of the motor,
 which for small and slow commands is a lag of first order (gain 1, delay ``lag``), is critically damped (no
 overshoot; a double pole at -2 / lag) and approaches a limited rate without ever passing it. The play acts on the
 command before the lag: behind it, a tooth that meets the next would make the rate jump.
+
+Where the servo has a motor (`motor`), all this is what the motor is told to follow.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ def build_stepper(values: Mapping[str, Value]) -> dynamics.Stepper:
     fish, fin = Fish.from_parameters(values), Fin.from_parameters(values)
     chain = build_chain(fish, fin, reactive=values["reactive"])  # type: ignore[arg-type]
     sample_time = 1.0 / cast("float", values["sample_rate"])
-    every = math.ceil(sample_time / cast("float", values["step"]) - 1e-9)
+    every = math.ceil(sample_time / min(cast("float", values["step"]), chain.longest_step) - 1e-9)
     return dynamics.Stepper(chain, sample_time / every, every)
 
 

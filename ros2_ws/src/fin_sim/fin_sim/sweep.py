@@ -116,7 +116,7 @@ class SwimPlan:
         self.servo()
 
     def servo(self) -> Servo:
-        """Return the servo of every driven joint.
+        """Return what shapes the command of every driven joint.
 
         Raises:
             ValueError: A value that is refused.
@@ -285,6 +285,8 @@ FIGURES = (
     Figure("steady_speed", "m/s", "steady speed", "cm/s", 100.0),
     Figure("mean_thrust", "N", "mean thrust", "mN", 1000.0),
     Figure("mean_servo_power", "W", "servo power", "mW", 1000.0),
+    Figure("mean_electrical_power", "W", "electrical power", "mW", 1000.0),
+    Figure("servo_amplitude", "rad", "servo amplitude", "degrees", 180.0 / math.pi),
     Figure("largest_servo_torque", "N m", "servo torque", "mN m", 1000.0),
     Figure("efficiency", "", "efficiency", "%", 100.0),
     Figure("strouhal_number", "", "Strouhal", ""),

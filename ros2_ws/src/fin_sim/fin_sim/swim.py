@@ -74,7 +74,7 @@ def swim_chain(
     step: float = STEP,
     sample_time: float | None = None,
 ) -> Swim:
-    """Swim a chain from rest; with the step given; see `swim`.
+    """Swim a chain from rest; with the step given, or a shorter one that its motors need; see `swim`.
 
     Raises:
         ValueError: A duration, ramp, step or sample time outside its range, or a gait with another number of joints.
@@ -84,7 +84,7 @@ def swim_chain(
     if sample_time is None:
         sample_time = _default_sample_time(gait, duration)
     sample_time = checks.number("sample_time", sample_time, 0.0, duration, unit="s", exclusive_minimum=True)
-    step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
+    step = min(checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True), chain.longest_step)
     _refuse_too_many_steps(len(chain.links), duration, min(step, sample_time))
     samples = max(1, round(duration / sample_time))
     every = math.ceil(duration / samples / step - 1e-9)
@@ -143,7 +143,8 @@ def swim(
         reactive: ``distributed`` or ``tip``, see `Chain`.
         clamp: ``free``, ``fixed`` or ``towed``.
         tow_speed: m/s, for ``towed``.
-        servo: The servo of every driven joint; the ideal one where none is given.
+        servo: What shapes the command of every driven joint; nothing where none is given. What drives the joints after
+            it is the fish's `Motor`.
         ramp_time: Time in which the gait starts, s.
         step: Longest time step, s; shortened to divide the sample time, for a beat faster than 2.5 Hz or a ramp
             shorter than 40 ms, and where it proves too long for the fin.

@@ -72,8 +72,9 @@ class Swim:
         yaw_rate: rad/s, shape (S,).
         joint_angles: rad, shape (S, N).
         joint_rates: rad/s, shape (S, N).
-        joint_torques: Servo's or spring's and damper's, N m, shape (S, N).
-        servo_power: Mechanical power of all servos, W, shape (S,).
+        joint_torques: Servo's or spring's and damper's, N m, shape (S, N); a servo's motor's, its rotor's inertia not
+            taken off.
+        servo_power: Mechanical power of all servos, W, shape (S,); of their motors, the rotors' acceleration included.
         force: Of the water on the tail in tank axes, N, shape (S, 2), its inertial reaction included.
         convective_force: The same without the reaction: convective and resistive part, N, shape (S, 2).
     """
@@ -187,6 +188,38 @@ class Swim:
     def mean_servo_power(self) -> float:
         """Mean over the last whole beats of all servos' mechanical power, W; a servo takes power back as well."""
         return self.beat_mean(self.servo_power)
+
+    @cached_property
+    def electrical_power(self) -> NDArray[np.float64]:
+        """What all servos draw from their supply, W, shape (S,); below 0 where they give back, see `Motor`.
+
+        Raises:
+            ValueError: The servos are ideal, without a motor.
+        """
+        motor, driven = self.chain.motor, np.array(self.chain.driven)
+        if motor is None:
+            msg = "servo.stall_torque = 0 N m, an ideal servo: electrical power needs servos with a motor"
+            raise ValueError(msg)
+        power: NDArray[np.float64] = motor.electrical_power(
+            self.joint_torques[:, driven], self.joint_rates[:, driven]
+        ).sum(axis=1)
+        return power
+
+    @cached_property
+    def mean_electrical_power(self) -> float:
+        """Mean of `electrical_power` over the last whole beats, W.
+
+        Raises:
+            ValueError: As for `electrical_power`.
+        """
+        return self.beat_mean(self.electrical_power)
+
+    @cached_property
+    def servo_amplitude(self) -> float:
+        """Half of how far the fin's servo really goes in the last beat from one side to the other, rad."""
+        begin, end = max(self.beats[-2], 0.0), self.beats[-1]
+        angles = self.joint_angles[:, int(np.flatnonzero(self.chain.driven)[-1])]
+        return 0.5 * float(np.ptp(self._at(angles, np.linspace(begin, end, 401))))
 
     @cached_property
     def largest_servo_torque(self) -> float:
