@@ -15,8 +15,8 @@ from rosbags.highlevel import AnyReader
 from fin_optimizer.score.recorded import score_bag
 from fin_plant.fin import Fin
 from fin_plant.plant_state import State
-from fin_sim import swim
 from fin_sim.batch import swim_batch
+from fin_sim.swim import swim
 
 if TYPE_CHECKING:
     from collections.abc import Callable

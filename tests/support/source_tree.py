@@ -10,6 +10,10 @@ from __future__ import annotations
 import ast
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 SOURCE = Path(__file__).resolve().parents[2] / "ros2_ws" / "src"
 UNIT_TESTS = SOURCE.parents[1] / "tests" / "unit"
@@ -41,13 +45,29 @@ def imported(path: Path) -> set[str]:
 def imported_at_start(path: Path) -> set[str]:
     """Return the dotted names of modules that are imported while a source file is; not those for type checking."""
     names: set[str] = set()
-    for node in ast.parse(path.read_text()).body:
+    statements = list(ast.parse(path.read_text()).body)
+    for node in statements:
         if isinstance(node, ast.Import):
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
             names.add(node.module)
             names.update(f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.With | ast.Try):
+            statements.extend(node.body)
     return names
+
+
+def loaded_at_start(name: str, of: Mapping[str, Path]) -> set[str]:
+    """Return the dotted names of everything that is imported while a module is, as far as these modules say."""
+    loaded: set[str] = set()
+    waiting = [name]
+    while waiting:
+        parts = waiting.pop().split(".")
+        for new in {".".join(parts[:count]) for count in range(1, len(parts) + 1)} - loaded:
+            loaded.add(new)
+            if new in of:
+                waiting.extend(imported_at_start(of[new]))
+    return loaded
 
 
 def imported_packages(path: Path) -> set[str]:

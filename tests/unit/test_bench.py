@@ -11,7 +11,7 @@ import pytest
 from fin_bringup.benchmarks import command, measuring, mujoco_fish, other_programs, profile, swims, trials
 from fin_bringup.benchmarks.measuring import Sizes
 from fin_bringup.benchmarks.trials import Throughput
-from fin_sim import swim
+from fin_sim.swim import swim
 
 if TYPE_CHECKING:
     from collections.abc import Callable

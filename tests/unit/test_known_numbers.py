@@ -20,8 +20,8 @@ from fin_optimizer.study.simulated_curve import simulated_speed
 from fin_optimizer.trial.recorder import Extent
 from fin_plant.fin import Fin, node_table
 from fin_plant.gait import PAPER_GAIT
-from fin_sim import swim
 from fin_sim.paper_models import mathematical_model
+from fin_sim.swim import swim
 from support.bags import SECOND, START, STATE, STEP, joint_states, state
 
 if TYPE_CHECKING:

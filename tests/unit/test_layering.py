@@ -10,7 +10,15 @@ from graphlib import TopologicalSorter
 
 import pytest
 
-from support.source_tree import PACKAGES, SOURCE, imported, imported_at_start, imported_packages, modules
+from support.source_tree import (
+    PACKAGES,
+    SOURCE,
+    imported,
+    imported_at_start,
+    imported_packages,
+    loaded_at_start,
+    modules,
+)
 
 # The thin ROS face of each package. Whoever adds a module here moves it out of the core.
 ROS_MODULES = {
@@ -72,6 +80,17 @@ MAY_IMPORT = {
 MAY_ALSO_IMPORT = {"fin_servo_driver.emulator": {"fin_sim"}}
 # Of a core, the servo driver's back ends and the optimiser's bag, which are for this, aside.
 INPUT_AND_OUTPUT = {"mcap", "mcap_ros2", "rosbags", "serial", "optuna", "matplotlib"}
+
+# Slow to load, so that who does not need it does not wait for it.
+NOT_AT_START = {
+    "fin_bringup.bringup": {"rclpy", "matplotlib", "mcap", "numba", "optuna", "rosbags", "scipy"},
+    "fin_optimizer.optimizer": {"matplotlib", "numba", "scipy"},
+    "fin_servo_driver.servo_driver": {"fin_sim", "matplotlib", "mcap", "numba", "optuna", "rosbags", "scipy"},
+    "fin_servo_driver.velocity_estimator": {"fin_sim", "matplotlib", "mcap", "numba", "optuna", "rosbags", "scipy"},
+    "fin_servo_driver.rehearsal": {"fin_sim.batch", "matplotlib", "mcap", "optuna", "rosbags"},
+    "fin_sim.simulator": {"fin_sim.batch", "matplotlib", "mcap", "optuna", "rosbags"},
+    "fin_sim.swim_command": {"rclpy", "matplotlib", "optuna", "rosbags"},
+}
 
 ALL_MODULES = {name: path for package in PACKAGES for name, path in modules(package).items()}
 PURE_MODULES = sorted(ALL_MODULES.keys() - ROS_MODULES)
@@ -159,6 +178,16 @@ def test_no_core_imports_a_command() -> None:
     assert [
         name for name, names in arrows.items() if any(f"{each}.".startswith(f"{commands}.") for each in names)
     ] == []
+
+
+@pytest.mark.parametrize("module", NOT_AT_START)
+def test_a_start_does_not_wait_for_what_is_needed_later_or_never(module: str) -> None:
+    assert loaded_at_start(module, ALL_MODULES) & NOT_AT_START[module] == set()
+
+
+def test_what_a_start_loads_is_seen_through_all_modules() -> None:
+    assert {"numba", "scipy.linalg", "fin_sim.fish"} <= loaded_at_start("fin_sim.simulator", ALL_MODULES)
+    assert "optuna" in loaded_at_start("fin_optimizer.optimizer", ALL_MODULES)
 
 
 def test_no_circle_of_imports() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.gait import PAPER_GAIT
-from fin_sim import swim_batch
+from fin_sim.batch import swim_batch
 from fin_sim.chain import fin_links
 from fin_sim.paper_models import speed_from_thrust
 from fin_sim.presets import PRESETS, preset

@@ -9,6 +9,7 @@ SIGINT is held back (blocked) until this module listens: Python itself answers o
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -127,6 +128,9 @@ def start(path: str) -> object:
         code: object = main()
     finally:
         signal.signal(signal.SIGINT, _end)
+        # What is open has been closed. The interpreter's end would look through every object twice, which takes the
+        # simulator a sixth of what it takes to start.
+        gc.freeze()
     return code
 
 

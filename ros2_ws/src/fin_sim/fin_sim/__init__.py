@@ -1,10 +1,5 @@
 """The simulated fish: physics of a body with a flexible caudal fin, and the plant node that swims it.
 
-The public face for other packages: `swim` and its result `Swim`, `swim_batch` and `BatchSwim` for many at once, and
-`PAPER_FISH`.
+The public face for other packages: `fin_sim.swim` for one swim and the papers' fish, `fin_sim.batch` for many swims at
+once. Nothing is imported here: the node starts without the batch's kernels.
 """
-
-from fin_sim.batch import BatchSwim, swim_batch
-from fin_sim.swim import PAPER_FISH, Swim, swim
-
-__all__ = ["PAPER_FISH", "BatchSwim", "Swim", "swim", "swim_batch"]

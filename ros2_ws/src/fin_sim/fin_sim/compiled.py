@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from contextlib import suppress
+import sys
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, TypeVar, cast
 
 from fin_plant.private_folder import private_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
 FunctionT = TypeVar("FunctionT", bound="Callable[..., object]")
 # Reordering and contraction of operations are welcome; NaN and infinity keep their meaning, since a state that is
@@ -24,9 +25,22 @@ def _choose_cache_folder() -> None:
             os.environ["NUMBA_CACHE_DIR"] = str(private_folder("fin_sim"))
 
 
-_choose_cache_folder()
+@contextmanager
+def _without_coverage() -> Iterator[None]:
+    """Have numba do without coverage.py unless it runs: numba loads it where it is installed, a quarter of its time."""
+    if "coverage" in sys.modules:
+        yield
+        return
+    sys.modules["coverage"] = None  # type: ignore[assignment]  # the import system's word for a module that is not there
+    try:
+        yield
+    finally:
+        del sys.modules["coverage"]
 
-import numba  # noqa: E402  (reads NUMBA_CACHE_DIR when it is imported)
+
+_choose_cache_folder()
+with _without_coverage():
+    import numba  # reads NUMBA_CACHE_DIR when it is imported
 
 
 def kernel(function: FunctionT) -> FunctionT:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fin_sim import swim_batch
+from fin_sim.batch import swim_batch
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,9 +11,9 @@ from fin_bringup.benchmarks import mujoco_fish
 from fin_bringup.benchmarks.measuring import DURATION, MODULI, core_time
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, GaitFollower
-from fin_sim import dynamics, swim
+from fin_sim import dynamics
 from fin_sim.chain import build_chain
-from fin_sim.swim import PAPER_FISH, RAMP_TIME
+from fin_sim.swim import PAPER_FISH, RAMP_TIME, swim
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

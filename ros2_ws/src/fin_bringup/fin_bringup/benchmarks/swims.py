@@ -9,8 +9,8 @@ import numpy as np
 
 from fin_bringup.benchmarks.measuring import DURATION, MANY, MODULI, batch, core_time, wall_time
 from fin_plant.fin import Fin
-from fin_sim import swim, swim_batch
-from fin_sim.batch import LONGEST_LANE_CHAIN
+from fin_sim.batch import LONGEST_LANE_CHAIN, swim_batch
+from fin_sim.swim import swim
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -21,8 +21,9 @@ from fin_optimizer.search.space import Dimension, Evaluation, Space
 from fin_plant import checks
 from fin_plant.fin import Fin, scaled_to_area
 from fin_plant.gait import PAPER_GAIT
-from fin_sim import PAPER_FISH, swim_batch
+from fin_sim.batch import swim_batch
 from fin_sim.paper_models import speeds_from_thrust
+from fin_sim.swim import PAPER_FISH
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

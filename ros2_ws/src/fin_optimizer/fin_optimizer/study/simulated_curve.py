@@ -35,8 +35,8 @@ def simulated_speed(
         simulator: The simulator's parameters, which describe its fish.
     """
     # Numba takes a second to load, which only the end of a study spends.
-    from fin_sim import swim  # noqa: PLC0415
     from fin_sim.fish import Fish  # noqa: PLC0415
+    from fin_sim.swim import swim  # noqa: PLC0415
 
     fish = Fish.from_parameters(simulator)
     number = cast("Mapping[str, float]", simulator)
