@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_plant.paths import given_path
-from fin_sim.validation import convergence, equations, measured, paper, reference
+from fin_sim.validation import convergence, equations, measured, measured_fins, paper, reference
 from fin_sim.validation.page import render
 
 if TYPE_CHECKING:
@@ -38,6 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("reference cases", lambda: reference.section(options.data / "cases")),
         ("convergence", lambda: convergence.section(figures)),
         ("the papers' curves", lambda: paper.section(options.data, figures)),
+        ("measured fins", lambda: measured_fins.section(figures)),
         ("measured swims", lambda: measured.section(options.data, figures)),
     )
     sections = []
