@@ -48,6 +48,8 @@ EQUIVALENT = {
         "refuse_folded: 0.0 -> 1.0": "a hinge at 1 rad is no folded one either",
     },
     "score/mean_speed": {
+        "_check_gaps: 0 -> 1": "a gap of one nanosecond",
+        "__init__: super().__init__(reason) -> pass": "an exception keeps what it was made from before that",
         "_speed_before: stamps > start -> stamps >= start": "a usable sample at the start is one of those before",
     },
     "trial/trial": {

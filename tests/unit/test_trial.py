@@ -173,6 +173,14 @@ def test_one_velocity_short_of_the_windows_end_is_not_enough() -> None:
     assert rehearsal.phase == "measure"
 
 
+def test_one_velocity_short_of_the_windows_start_leaves_the_swim_settling() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.reach("settle")
+    rehearsal.seen.newest_velocity = 12 * SECOND - 1
+    rehearsal.update()
+    assert rehearsal.phase == "settle"
+
+
 # Phase, how long it is waited, and what the reason must name.
 SILENT_PLANT = [
     ("find the plant", 30.0, "nobody publishes topic /fish/plant_state"),
@@ -211,6 +219,22 @@ def test_a_plant_that_says_nothing_is_told_from_one_that_lacks_services() -> Non
     rehearsal.seen.missing_services = ("/fish/mine/request_reset",)
     rehearsal.update(30.1)
     assert "service /fish/mine/request_reset missing; nobody publishes topic /fish/plant_state" in rehearsal.failure
+
+
+def test_a_plant_that_says_nothing_and_lacks_nothing_has_no_more_said_of_it() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.seen.plants = ("/fish/mine",)
+    rehearsal.update()
+    rehearsal.update(30.1)
+    assert "find the plant: nobody publishes topic /fish/plant_state" in rehearsal.failure
+
+
+def test_no_plant_at_all_lacks_no_services() -> None:
+    rehearsal = Rehearsal()
+    rehearsal.seen.missing_services = ("/fish/mine/request_reset",)
+    rehearsal.update()
+    rehearsal.update(30.1)
+    assert "missing" not in rehearsal.failure
 
 
 @pytest.mark.parametrize(
