@@ -94,7 +94,11 @@ def lane_links(chain: Chain) -> list[LaneLink]:
 def evaluate(chain: Chain, table: Array, state: Array, drive: Array) -> tuple[Array, Array]:
     """Return the general kernel's derivative and record."""
     links = len(table)
-    derivative, record, scratch = np.zeros(len(state)), np.zeros(5 + links), np.zeros((links, 9))
+    derivative, record, scratch = (
+        np.zeros(len(state)),
+        np.zeros(dynamics.RECORD_HEAD + links),
+        np.zeros((links, dynamics.SCRATCH_COLUMNS)),
+    )
     form = (chain.clamp == "free", chain.reactive == "distributed")
     dynamics.evaluate(state, drive, table, chain.body_vector(), *form, derivative, record, scratch)
     return derivative, record

@@ -51,7 +51,11 @@ def true_figures(swim: RandomSwim) -> Array:
     chain = build_chain(PAPER_FISH, swim.fin, reactive=swim.reactive, clamp=swim.clamp)
     table, body, links = chain.link_table(), chain.body_vector(), len(chain.links)
     size = dynamics.BODY_STATES + 2 * links
-    derivative, record, scratch = np.zeros(size), np.zeros(5 + links), np.zeros((links, 9))
+    derivative, record, scratch = (
+        np.zeros(size),
+        np.zeros(dynamics.RECORD_HEAD + links),
+        np.zeros((links, dynamics.SCRATCH_COLUMNS)),
+    )
     drive = np.zeros((links, 3))
     follower = GaitFollower(1, swim.ramp_time, as_asked=True)
     follower.command(swim.gait, 0.0)
