@@ -163,7 +163,7 @@ def mutated_one_by_one(
     )
     for draw in range(redraws + 1):
         for row, column in np.ndindex(children.shape):
-            dimension = space.dimensions[column]
+            dimension = space.ranges[column]
             if not dimension.minimum <= children[row, column] <= dimension.maximum:
                 again = parents[row, column] + deviations[column] * random.standard_normal() if draw < redraws else None
                 even = random.uniform(dimension.minimum, dimension.maximum) if again is None else again

@@ -62,7 +62,7 @@ def swim(study: Study, result: Result | None = None) -> float:
     record = study.propose(number, values)
     study.start(record.number)
     study.finish(record.number, result or ok(hump(values[MODULUS])))
-    return values[MODULUS]
+    return float(values[MODULUS])
 
 
 def tried(study: Study) -> list[float]:

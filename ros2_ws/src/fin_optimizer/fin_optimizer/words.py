@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fin_plant.fin import FIN_PARAMETERS
 
@@ -30,12 +30,12 @@ def trial_name(number: int) -> str:
     return f"trial {number:04d}"
 
 
-def show_values(values: Mapping[str, float]) -> str:
+def show_values(values: Mapping[str, Any]) -> str:
     """Return a candidate in a laboratory's units, for example ``E 1.234 GPa``."""
     shown = []
     for name, value in values.items():
         word, factor, unit = _SHOWN_AS.get(name, (name, 1.0, ""))
-        shown.append(f"{word} {value / factor:.4g} {unit}".rstrip())
+        shown.append(f"{word} {value}" if isinstance(value, str) else f"{word} {value / factor:.4g} {unit}".rstrip())
     return ", ".join(shown)
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import cmaes
 import numpy as np
 
+from fin_optimizer.search.space import Choice, uniform
 from fin_plant import checks
 
 if TYPE_CHECKING:
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from fin_optimizer.search.genetic import Generation
     from fin_optimizer.search.space import Space
 
+_REDRAWS = 1000
+"""As `search.gaussian_step`."""
 _LARGEST_SEED = 2**32  # of the library's random numbers
 
 
@@ -61,6 +64,13 @@ class CmaEs:
         if len(self.space.names) < 2:  # noqa: PLR2004
             msg = f"CMA-ES needs at least 2 parameters, the space has {list(self.space.names)}: use the hill climber"
             raise ValueError(msg)
+        for dimension in self.space.dimensions:
+            if dimension.count is not None:
+                kind = "a choice" if isinstance(dimension, Choice) else "stepped"
+                msg = (
+                    f"CMA-ES moves in continuous numbers only, {dimension.name} is {kind}: use genetic or hill_climber"
+                )
+                raise ValueError(msg)
         if self.population is not None:
             checks.whole_number("population", self.population, 5)
 
@@ -77,10 +87,26 @@ class CmaEs:
             if replay.asked:
                 self._tell(replay, history[len(replay.told)])
             # x_k = m + sigma y_k, y_k ~ N(0, C) (Hansen 2016, eq. 38 to 40), drawn by the library
-            replay.asked.append(np.array([replay.optimiser.ask() for _ in range(replay.optimiser.population_size)]))
-        low = np.array([dimension.minimum for dimension in self.space.dimensions])
-        high = np.array([dimension.maximum for dimension in self.space.dimensions])
-        return np.asarray(np.clip(low + (high - low) * replay.asked[len(history)], low, high))
+            count = replay.optimiser.population_size
+            replay.asked.append(np.array([self._asked(replay.optimiser, place) for place in range(count)]))
+        return self._numbers(replay.asked[len(history)])
+
+    def _numbers(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return candidates that were given in the unit box, shape (candidates, parameters)."""
+        low, high = self.space.bounds
+        return self.space.numbers(np.clip(low + (high - low) * scaled, low, high))
+
+    def _asked(self, optimiser: cmaes.CMA, place: int) -> NDArray[np.float64]:
+        """Return the next candidate in the unit box; one that the space refuses is drawn again (Hansen 2016, B.5)."""
+        for _ in range(_REDRAWS):
+            asked: NDArray[np.float64] = optimiser.ask()
+            if not self.space.refused(self._numbers(asked[None, :])).size:
+                return asked
+        # The distribution has left what can be: one that can is told to it as if it had been drawn.
+        low, high = self.space.bounds
+        seed = np.random.SeedSequence(self.seed, spawn_key=(optimiser.generation, place))
+        drawn = np.array([self.space.row(uniform(self.space, np.random.default_rng(seed)))])
+        return np.asarray((self.space.coordinates(drawn)[0] - low) / (high - low))
 
     def _optimiser(self) -> cmaes.CMA:
         random = np.random.default_rng(np.random.SeedSequence(self.seed))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from fin_optimizer.search.space import generator
+from fin_optimizer.search.space import Choice, generator, uniform
 from fin_plant import checks
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class Generation:
     """Candidates that were tried together.
 
     Attributes:
-        values: Shape (candidates, parameters), the parameters in the order of the space.
+        values: Shape (candidates, parameters), the parameters in the order of the space; of a choice its place.
         scores: Shape (candidates,), more is better; NaN for a candidate that has none.
 
     Raises:
@@ -66,29 +66,47 @@ class PopulationSearch(Protocol):
         """Return what follows ``history``, shape (candidates, parameters); the same for the same history."""
 
 
-def _bounds(space: Space) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    low = np.array([dimension.minimum for dimension in space.dimensions])
-    return low, np.array([dimension.maximum for dimension in space.dimensions])
-
-
 def mutated(
     space: Space, parents: NDArray[np.float64], deviations: NDArray[np.float64], random: np.random.Generator
 ) -> NDArray[np.float64]:
     """Return ``parents``, shape (n, parameters), each moved by a Gaussian step that is drawn again while outside.
 
-    What does not fall inside in a thousand draws is drawn uniformly; see `search.gaussian_step` for the reasons.
+    What does not fall inside in a thousand draws is drawn uniformly, as is a child that the space refuses a thousand
+    times; see `search.gaussian_step` for the reasons, and for choices, whose deviations are not looked at.
     """
-    low, high = _bounds(space)
+    result = _stepped(space, parents, deviations, random)
+    rows = space.refused(result)
+    for _ in range(_REDRAWS):
+        if not rows.size:
+            return result
+        result[rows] = _stepped(space, parents[rows], deviations, random)
+        rows = rows[space.refused(result[rows])]
+    for row in rows:
+        result[row] = space.row(uniform(space, random))
+    return result
+
+
+def _stepped(
+    space: Space, parents: NDArray[np.float64], deviations: NDArray[np.float64], random: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return what `mutated` does, whether or not the space refuses it."""
+    low, high = space.bounds
+    start = space.coordinates(parents)
     # x' = x + sigma N(0, 1), every gene (Clark et al. 2012: Gaussian mutation, sigma^2 = 0.1)
-    result = parents + deviations * random.standard_normal(parents.shape)
+    result = start + deviations * random.standard_normal(parents.shape)
+    for column, dimension in enumerate(space.dimensions):
+        if isinstance(dimension, Choice):
+            changed = random.random(len(parents)) < 1.0 / len(space.dimensions)
+            others = (parents[:, column] + random.integers(1, dimension.count, len(parents))) % dimension.count
+            result[:, column] = np.where(changed, others, parents[:, column])
     for _ in range(_REDRAWS):
         rows, columns = np.nonzero((result < low) | (result > high))
         if not rows.size:
-            return result
-        result[rows, columns] = parents[rows, columns] + deviations[columns] * random.standard_normal(rows.size)
+            return space.numbers(result)
+        result[rows, columns] = start[rows, columns] + deviations[columns] * random.standard_normal(rows.size)
     rows, columns = np.nonzero((result < low) | (result > high))
     result[rows, columns] = random.uniform(low[columns], high[columns])
-    return result
+    return space.numbers(result)
 
 
 @dataclass(frozen=True)
@@ -98,7 +116,8 @@ class GeneticAlgorithm:
     Attributes:
         space: Where to search.
         seed: Of all its random numbers, 0 or more.
-        deviations: Standard deviation of a mutation, by parameter and in its unit; every gene of a child mutates.
+        deviations: Standard deviation of a mutation, as for `search.gaussian_step`, of every parameter that is no
+            choice; every gene of a child mutates.
         population: Individuals of a generation.
         tournament: Individuals drawn for each parent, the best of which becomes it.
         elite: Share of a generation, its best, that goes on unchanged.
@@ -121,8 +140,9 @@ class GeneticAlgorithm:
         checks.whole_number("population", self.population, 2)
         checks.whole_number("tournament", self.tournament, 1)
         checks.number("elite", self.elite, 0.0, 1.0)
-        if set(self.deviations) != set(self.space.names):
-            msg = f"mutations are given for {sorted(self.deviations)}, but the space has {sorted(self.space.names)}"
+        ranges = [dimension.name for dimension in self.space.ranges]
+        if set(self.deviations) != set(ranges):
+            msg = f"mutations are given for {sorted(self.deviations)}, but the space has {sorted(ranges)}"
             raise ValueError(msg)
         for name, deviation in self.deviations.items():
             checks.number(f"mutation of {name}", deviation, 0.0, exclusive_minimum=True)
@@ -130,9 +150,9 @@ class GeneticAlgorithm:
     def propose(self, history: Sequence[Generation]) -> NDArray[np.float64]:
         """Return the next generation, shape (population, parameters): the elite first, then the children."""
         random = generator(self.seed, len(history))
-        low, high = _bounds(self.space)
+        low, high = self.space.bounds
         if not history:
-            return random.uniform(low, high, (self.population, len(low)))
+            return self._first(random.uniform(low, high, (self.population, len(low))), random)
         last = history[-1]
         ranked = last.ranked()
         # Elitism: the best tenth goes on (Raja Mohamed & Raviraj).
@@ -144,8 +164,15 @@ class GeneticAlgorithm:
             # One-point crossover (Clark et al. 2012): genes before the cut from the one, behind it from the other.
             cut = random.integers(1, len(low), children) if len(low) > 1 else np.ones(children, dtype=int)
             parents = np.where(np.arange(len(low)) < cut[:, None], parents, others)
-        deviations = np.array([self.deviations[name] for name in self.space.names])
+        deviations = np.array([self.deviations.get(name, 0.0) for name in self.space.names])
         return np.vstack((last.values[elite], mutated(self.space, parents, deviations, random)))
+
+    def _first(self, coordinates: NDArray[np.float64], random: np.random.Generator) -> NDArray[np.float64]:
+        """Return the candidates at coordinates, those that the space refuses drawn again."""
+        result = self.space.numbers(coordinates)
+        for row in self.space.refused(result):
+            result[row] = self.space.row(uniform(self.space, random))
+        return result
 
     def _winners(self, ranked: NDArray[np.float64], count: int, random: np.random.Generator) -> NDArray[np.intp]:
         """Return the best of each of ``count`` tournaments, as indices."""

@@ -61,7 +61,7 @@ class OneByOne:
                 self._generations.append((tried, self._generation(tried)))
                 self._proposed.clear()
         values = self._proposal(tuple(generation for _, generation in self._generations[:done]))[place]
-        return dict(zip(self.space.names, values.tolist(), strict=True))
+        return self.space.values(values.tolist())
 
     def _proposal(self, generations: tuple[Generation, ...]) -> NDArray[np.float64]:
         number = len(generations)
@@ -70,5 +70,5 @@ class OneByOne:
         return self._proposed[number]
 
     def _generation(self, tried: Sequence[Evaluation]) -> Generation:
-        values = np.array([[entry.values[name] for name in self.space.names] for entry in tried])
+        values = np.array([self.space.row(entry.values) for entry in tried])
         return Generation(values, np.array([np.nan if entry.score is None else entry.score for entry in tried]))

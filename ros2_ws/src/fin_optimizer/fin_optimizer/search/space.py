@@ -8,38 +8,59 @@ with bit for bit the candidates of one that was not, and every candidate can be 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from fin_plant import checks
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
 
-Values = dict[str, float]
-"""A candidate: the value of every parameter of the space, by name."""
+    from numpy.typing import NDArray
+
+Scalar = float | str
+"""What one parameter of a candidate may be: a number, whole or not, a truth value or a text."""
+Values = dict[str, Any]
+"""A candidate: the value of every parameter of the space, by name; each a `Scalar`."""
+
+_DRAWS = 10_000
+"""How often a candidate is drawn before a space is said to hold none."""
+_DIGITS = 12
+"""Of a stepped value: 0.045 m, not 0.045000000000000005."""
+_ON_STEP = 1e-6
+"""Part of a step by which a value may miss the grid."""
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """A parameter that the search may vary.
+    """A range of numbers that the search may vary.
+
+    A search moves in a *coordinate*: the value itself, or its logarithm. On a grid the coordinate goes half a step
+    beyond both ends, so that all values are drawn alike.
 
     Attributes:
         name: The plant's parameter, for example ``fin.young_modulus``.
         minimum: Smallest value, in ``unit``.
         maximum: Largest value, in ``unit``.
         unit: SI unit, for messages and reports.
+        log: Whether the search moves in the logarithm.
+        step: Distance of two values in ``unit``, counted from the minimum; 0 for any value.
+        whole: Whether only whole numbers count.
 
     Raises:
-        ValueError: A bound that is not finite, or bounds that leave no room.
+        ValueError: A bound that is not finite, bounds that leave no room, or a step or logarithm that cannot be.
     """
 
     name: str
     minimum: float
     maximum: float
     unit: str = ""
+    log: bool = False
+    step: float = 0.0
+    whole: bool = False
 
     def __post_init__(self) -> None:
         for bound in ("minimum", "maximum"):
@@ -51,17 +72,192 @@ class Dimension:
                 f"than maximum = {self.maximum:g} {self.unit}"
             )
             raise ValueError(msg)
+        width = self.maximum - self.minimum
+        step = checks.number(f"step of {self.name}", self.step, 0.0, width, unit=self.unit)
+        object.__setattr__(self, "step", step or float(self.whole))
+        if self.whole:
+            for bound in ("minimum", "maximum", "step"):
+                checks.whole_number(f"{bound} of {self.name}", getattr(self, bound), -(2**53), 2**53)
+        if self.log:
+            checks.number(f"minimum of {self.name}", self.minimum, 0.0, unit=self.unit, exclusive_minimum=True)
+            if self.step and not (self.whole and self.step == 1.0):
+                msg = f"{self.name} has log and step = {self.step:g} {self.unit}: choose one of them"
+                raise ValueError(msg)
+
+    @cached_property
+    def count(self) -> int | None:
+        """Number of its values, None where any number between its ends is one."""
+        return math.floor((self.maximum - self.minimum) / self.step + _ON_STEP) + 1 if self.step else None
+
+    @property
+    def last(self) -> float:
+        """Largest value that it takes: the maximum, or the last step before it."""
+        return self.maximum if self.count is None else self._at(float(self.count - 1))
+
+    @property
+    def low(self) -> float:
+        """Lower end of the coordinate."""
+        low = self.minimum - 0.5 * self.step
+        return math.log(low) if self.log else low
+
+    @property
+    def high(self) -> float:
+        """Upper end of the coordinate."""
+        high = self.last + 0.5 * self.step
+        return math.log(high) if self.log else high
+
+    def coordinates(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where values lie for a search, any shape."""
+        return np.log(numbers) if self.log else numbers
+
+    def numbers(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the values at coordinates, any shape: those next to them on a grid, inside the range for sure."""
+        numbers = np.exp(coordinates) if self.log else coordinates
+        if self.count is not None:
+            places = np.clip(np.rint((numbers - self.minimum) / self.step), 0.0, self.count - 1.0)
+            return np.asarray(np.round(self.minimum + self.step * places, self._decimals))
+        return np.clip(numbers, self.minimum, self.maximum) if self.log else numbers
+
+    @property
+    def _decimals(self) -> int:
+        return _DIGITS - math.floor(math.log10(max(abs(self.minimum), abs(self.maximum))))
+
+    def _at(self, place: float) -> float:
+        return float(np.round(self.minimum + self.step * place, self._decimals))
+
+    def number(self, value: Scalar) -> float:
+        """Return a value as a number."""
+        return float(value)
+
+    def value(self, number: float) -> Scalar:
+        """Return the value that a number of it stands for."""
+        return round(number) if self.whole else float(number)
+
+    def check(self, value: Scalar) -> Scalar:
+        """Return the value if it is one of the range's.
+
+        Raises:
+            ValueError: It is outside, or between two steps.
+        """
+        number = checks.number(self.name, value, self.minimum, self.maximum, unit=self.unit)  # type: ignore[arg-type]
+        if self.count is not None:
+            places = (number - self.minimum) / self.step
+            if abs(places - round(places)) > _ON_STEP:
+                msg = (
+                    f"{self.name} = {number:.6g} {self.unit} lies between two steps of {self.step:g} {self.unit} from "
+                    f"{self.minimum:g} {self.unit}"
+                )
+                raise ValueError(msg)
+        return self.value(number)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A parameter that takes one of several values which have no order.
+
+    Its *number*, for searches that hold candidates in arrays, is its place in the list, from 0.
+
+    Attributes:
+        name: The plant's parameter, or ``stock``.
+        choices: Numbers, truth values or texts; each once.
+        unit: SI unit of numbers.
+
+    Raises:
+        ValueError: Fewer than two, or one twice.
+    """
+
+    name: str
+    choices: tuple[Scalar, ...]
+    unit: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "choices", tuple(self.choices))
+        if len(self.choices) < 2 or len(set(self.choices)) < len(self.choices):  # noqa: PLR2004
+            msg = f"choices of {self.name} must be two or more, each once, got {list(self.choices)}"
+            raise ValueError(msg)
+
+    @property
+    def count(self) -> int:
+        """Number of its values."""
+        return len(self.choices)
+
+    @property
+    def low(self) -> float:
+        """Lower end of the coordinate, from which places are rounded."""
+        return -0.5
+
+    @property
+    def high(self) -> float:
+        """Upper end of the coordinate."""
+        return self.count - 0.5
+
+    def coordinates(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return places as they are."""
+        return numbers
+
+    def numbers(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the places next to coordinates, any shape."""
+        return np.asarray(np.clip(np.rint(coordinates), 0.0, self.count - 1.0))
+
+    def number(self, value: Scalar) -> float:
+        """Return the place of a value."""
+        return float(self.choices.index(value))
+
+    def value(self, number: float) -> Scalar:
+        """Return the value at a place."""
+        return self.choices[int(number)]
+
+    def check(self, value: Scalar) -> Scalar:
+        """Return the value if it is one of the choices.
+
+        Raises:
+            ValueError: It is not.
+        """
+        if value not in self.choices:
+            msg = f"{self.name} = {value!r} is not one of {', '.join(map(str, self.choices))}"
+            raise ValueError(msg)
+        return self.choices[self.choices.index(value)]
+
+
+AnyDimension = Dimension | Choice
+
+
+def written(dimension: AnyDimension) -> dict[str, object]:
+    """Return what `dimension_from` reads: all that is not as it is by default."""
+    named = {f.name: getattr(dimension, f.name) for f in fields(dimension)}
+    return {name: value for name, value in named.items() if value not in (False, 0.0) or name in {"minimum", "maximum"}}
+
+
+def dimension_from(entries: Mapping[str, object]) -> AnyDimension:
+    """Return the dimension whose attributes are given.
+
+    Raises:
+        TypeError: Others than it has.
+        ValueError: See `Dimension` and `Choice`.
+    """
+    kind = Choice if "choices" in entries else Dimension
+    return kind(**entries)  # type: ignore[arg-type]
+
+
+def _allowed(_: Mapping[str, Any]) -> str:
+    """Return no reason against any candidate."""
+    return ""
 
 
 @dataclass(frozen=True)
 class Space:
-    """The box that is searched: one range for each parameter.
+    """What is searched: a range or a choice for each parameter, and what a candidate must meet beyond them.
+
+    Attributes:
+        dimensions: In the order of their names.
+        judge: Returns why a candidate cannot be, with its numbers, or an empty text; such a one is drawn again.
 
     Raises:
         ValueError: No parameter, or the same one twice.
     """
 
-    dimensions: tuple[Dimension, ...]
+    dimensions: tuple[AnyDimension, ...]
+    judge: Callable[[Mapping[str, Any]], str] = field(default=_allowed, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         names = self.names
@@ -74,7 +270,45 @@ class Space:
         """Names of the parameters, in order."""
         return tuple(dimension.name for dimension in self.dimensions)
 
-    def check(self, values: Mapping[str, float]) -> Values:
+    @property
+    def ranges(self) -> tuple[Dimension, ...]:
+        """The parameters that are no choices."""
+        return tuple(dimension for dimension in self.dimensions if isinstance(dimension, Dimension))
+
+    @property
+    def bounds(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper ends of the coordinates, each of shape (parameters,)."""
+        low = np.array([dimension.low for dimension in self.dimensions])
+        return low, np.array([dimension.high for dimension in self.dimensions])
+
+    @property
+    def is_countable(self) -> bool:
+        """Whether every parameter takes a limited number of values."""
+        return all(dimension.count is not None for dimension in self.dimensions)
+
+    def coordinates(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the coordinates of candidates, shape (candidates, parameters), given as numbers."""
+        return np.column_stack([d.coordinates(numbers[:, i]) for i, d in enumerate(self.dimensions)])
+
+    def numbers(self, coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the candidates at coordinates, shape (candidates, parameters), as numbers."""
+        return np.column_stack([d.numbers(coordinates[:, i]) for i, d in enumerate(self.dimensions)])
+
+    def row(self, values: Mapping[str, Scalar]) -> list[float]:
+        """Return a candidate as numbers, in the order of the parameters."""
+        return [dimension.number(values[dimension.name]) for dimension in self.dimensions]
+
+    def values(self, row: Iterable[float]) -> Values:
+        """Return the candidate that these numbers stand for."""
+        return {d.name: d.value(number) for d, number in zip(self.dimensions, row, strict=True)}
+
+    def refused(self, numbers: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Return which rows of candidates, shape (candidates, parameters), cannot be."""
+        if self.judge is _allowed:
+            return np.empty(0, dtype=np.intp)
+        return np.array([i for i, row in enumerate(numbers) if self.judge(self.values(row))], dtype=np.intp)
+
+    def check(self, values: Mapping[str, Scalar]) -> Values:
         """Return ``values`` if they name exactly the parameters of the space, each inside its range.
 
         Raises:
@@ -83,9 +317,7 @@ class Space:
         if set(values) != set(self.names):
             msg = f"a candidate of this space has the parameters {sorted(self.names)}, got {sorted(values)}"
             raise ValueError(msg)
-        return {
-            d.name: checks.number(d.name, values[d.name], d.minimum, d.maximum, unit=d.unit) for d in self.dimensions
-        }
+        return {dimension.name: dimension.check(values[dimension.name]) for dimension in self.dimensions}
 
 
 @dataclass(frozen=True)
@@ -102,7 +334,7 @@ class Evaluation:
         ValueError: A number that is not finite: what could not be measured has none.
     """
 
-    values: Mapping[str, float]
+    values: Mapping[str, Any]
     score: float | None
     cost: float | None = None
 
@@ -161,5 +393,15 @@ def generator(seed: int, number: int) -> np.random.Generator:
 
 
 def uniform(space: Space, random: np.random.Generator) -> Values:
-    """Return a candidate drawn uniformly from the whole space."""
-    return {d.name: float(random.uniform(d.minimum, d.maximum)) for d in space.dimensions}
+    """Return a candidate drawn uniformly from the whole space, as far as it can be.
+
+    Raises:
+        ValueError: None of ten thousand can.
+    """
+    for _ in range(_DRAWS):
+        drawn = {d.name: d.value(float(d.numbers(random.uniform(d.low, d.high)))) for d in space.dimensions}  # type: ignore[arg-type]
+        refusal = space.judge(drawn)
+        if not refusal:
+            return drawn
+    msg = f"none of {_DRAWS} candidates drawn from the space can be; the last one: {refusal}"
+    raise ValueError(msg)

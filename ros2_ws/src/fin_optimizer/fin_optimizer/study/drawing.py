@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from fin_optimizer.search.space import Choice
 from fin_optimizer.trial.result import Outcome
-from fin_optimizer.words import CM, MODULUS, in_words, show_speed, show_values
+from fin_optimizer.words import CM, MODULUS, in_words, show_number, show_speed, show_values
 from fin_plant.figures import empty_figure, own_style
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from fin_optimizer.search.space import Dimension
+    from fin_optimizer.search.space import AnyDimension
     from fin_optimizer.study.candidate import Candidate, TrialRecord
     from fin_optimizer.study.simulated_curve import SpeedCurve
 
@@ -29,7 +30,7 @@ def draw_speed(
     path: Path,
     trials: Sequence[TrialRecord],
     best: Candidate | None,
-    dimension: Dimension,
+    dimension: AnyDimension,
     *,
     simulated: SpeedCurve | None = None,
     title: str = "",
@@ -44,17 +45,16 @@ def draw_speed(
         simulated: The simulator's speed over that parameter, drawn behind the trials; None for a robot.
         title: Heading, for example the fish and its gait.
     """
-    factor = in_words(dimension.name)[1]
+    factor = _factor(dimension)
     figure, axes = _axes(title)
     if simulated is not None:
         values, speeds = np.asarray(simulated[0]) / factor, np.asarray(simulated[1]) / CM
         axes.plot(values, speeds, color="0.6", linewidth=2.0, label="simulator", zorder=1)
-    _draw_trials(axes, trials, dimension.name, factor)
+    _draw_trials(axes, trials, dimension)
     if best is not None and best.score is not None:
-        _mark_best(axes, best, dimension, factor)
-    axes.set_xlabel(_label(dimension))
+        _mark_best(axes, best, dimension)
+    _dress(axes, "x", dimension)
     axes.set_ylabel("mean forward speed (cm/s)")
-    axes.set_xlim(*_limits(dimension))
     _save(figure, axes, path)
 
 
@@ -63,7 +63,7 @@ def draw_map(
     path: Path,
     tried: Sequence[Candidate],
     best: Candidate | None,
-    dimensions: tuple[Dimension, Dimension],
+    dimensions: tuple[AnyDimension, AnyDimension],
     *,
     title: str = "",
 ) -> None:
@@ -80,7 +80,7 @@ def draw_map(
     across, up = dimensions
 
     def places(some: Sequence[Candidate]) -> tuple[list[float], list[float]]:
-        return tuple([c.values[d.name] / in_words(d.name)[1] for c in some] for d in dimensions)  # type: ignore[return-value]
+        return tuple([_place(d, c.values) for c in some] for d in dimensions)  # type: ignore[return-value]
 
     scored = [candidate for candidate in tried if candidate.score is not None]
     if scored:
@@ -96,10 +96,8 @@ def draw_map(
             axes.plot(*places(without), marker, color="tab:red", label=f"{outcome.value} ({len(without)})", zorder=2)
     if best is not None and best.score is not None:
         _ring(axes, *places([best]), f"best: {show_values(best.values)}, {show_speed(best.score)}")
-    axes.set_xlabel(_label(across))
-    axes.set_ylabel(_label(up))
-    axes.set_xlim(*_limits(across))
-    axes.set_ylim(*_limits(up))
+    _dress(axes, "x", across)
+    _dress(axes, "y", up)
     _save(figure, axes, path, below=True)
 
 
@@ -125,13 +123,13 @@ def draw_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidate
     _save(figure, axes, path)
 
 
-def _draw_trials(axes: Axes, trials: Sequence[TrialRecord], name: str, factor: float) -> None:
+def _draw_trials(axes: Axes, trials: Sequence[TrialRecord], dimension: AnyDimension) -> None:
     from matplotlib.ticker import MaxNLocator  # noqa: PLC0415  (loaded by `own_style` by now)
 
     scored = [trial for trial in trials if trial.score is not None]
     if scored:
         points = axes.scatter(
-            [trial.values[name] / factor for trial in scored],
+            [_place(dimension, trial.values) for trial in scored],
             [(trial.score or 0.0) / CM for trial in scored],
             c=[trial.number for trial in scored],
             cmap="viridis",
@@ -144,7 +142,7 @@ def _draw_trials(axes: Axes, trials: Sequence[TrialRecord], name: str, factor: f
         if len(scored) > 1:
             axes.figure.colorbar(points, ax=axes, label="trial", pad=0.02, ticks=MaxNLocator(integer=True))
     for outcome, marker in _MARKERS.items():
-        places = [trial.values[name] / factor for trial in trials if trial.outcome is outcome]
+        places = [_place(dimension, trial.values) for trial in trials if trial.outcome is outcome]
         if places:
             axes.plot(
                 places,
@@ -157,10 +155,10 @@ def _draw_trials(axes: Axes, trials: Sequence[TrialRecord], name: str, factor: f
             )
 
 
-def _mark_best(axes: Axes, best: Candidate, dimension: Dimension, factor: float) -> None:
+def _mark_best(axes: Axes, best: Candidate, dimension: AnyDimension) -> None:
     score, value = best.score or 0.0, best.values[dimension.name]
     label = f"best: {show_values({dimension.name: value})}, {show_speed(score)}"
-    _ring(axes, [value / factor], [score / CM], label)
+    _ring(axes, [_place(dimension, best.values)], [score / CM], label)
 
 
 def _ring(axes: Axes, across: Sequence[float], up: Sequence[float], label: str) -> None:
@@ -188,14 +186,40 @@ def _axes(title: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _label(dimension: Dimension) -> str:
+def _factor(dimension: AnyDimension) -> float:
+    """Return what stands for 1 on an axis, in SI; choices stand at their places."""
+    return 1.0 if isinstance(dimension, Choice) else in_words(dimension.name)[1]
+
+
+def _place(dimension: AnyDimension, values: Mapping[str, Any]) -> float:
+    """Return where a candidate stands on a parameter's axis."""
+    return dimension.number(values[dimension.name]) / _factor(dimension)
+
+
+def _dress(axes: Axes, which: Literal["x", "y"], dimension: AnyDimension) -> None:
+    """Give an axis its parameter's label, range and scale, or its choices' names."""
+    if isinstance(dimension, Choice):
+        factor = in_words(dimension.name)[1]
+        shown = [show_number(each, factor) for each in dimension.choices]
+        axes.set(**{f"{which}ticks": range(dimension.count), f"{which}ticklabels": shown})
+    elif dimension.log:
+        axes.set(**{f"{which}scale": "log"})
+    axes.set(**{f"{which}label": _label(dimension), f"{which}lim": _limits(dimension)})
+
+
+def _label(dimension: AnyDimension) -> str:
     word, _, unit = in_words(dimension.name)
     name = "Young's modulus E" if dimension.name == MODULUS else word
     return f"{name} ({unit})" if unit else name
 
 
-def _limits(dimension: Dimension) -> tuple[float, float]:
-    factor = in_words(dimension.name)[1]
+def _limits(dimension: AnyDimension) -> tuple[float, float]:
+    if isinstance(dimension, Choice):
+        return dimension.low, dimension.high
+    factor = _factor(dimension)
+    if dimension.log:
+        margin = (dimension.maximum / dimension.minimum) ** 0.02
+        return dimension.minimum / margin / factor, dimension.maximum * margin / factor
     margin = 0.02 * (dimension.maximum - dimension.minimum)
     return (dimension.minimum - margin) / factor, (dimension.maximum + margin) / factor
 

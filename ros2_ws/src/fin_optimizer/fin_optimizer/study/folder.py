@@ -11,7 +11,7 @@ import fcntl
 import os
 import re
 import uuid
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from fin_optimizer.checksums import check_sum
 from fin_optimizer.study.file_names import BAG_FOLDER, SETTINGS_FILE
@@ -154,7 +154,7 @@ def put_on_disk(folder: Path) -> None:
             os.close(descriptor)
 
 
-def bag_name(number: int, values: Mapping[str, float]) -> str:
+def bag_name(number: int, values: Mapping[str, Any]) -> str:
     """Return the name of a trial's bag, which tells a person the fin, for example ``trial_0007_E1.112GPa``."""
     fin = show_values(values).replace(", ", "_").replace(" ", "")
     return f"{trial_name(number).replace(' ', '_')}_{fin}"

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Self, TextIO
 
 import optuna
 
+from fin_optimizer.search.distributions import distributions
 from fin_optimizer.study.candidate import Candidate, TrialRecord, fastest, rank
 from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE, SETTINGS_FILE
 from fin_optimizer.study.folder import bag_name, begun, locked, put_on_disk, read_settings
@@ -67,9 +68,7 @@ class Study:
         with whole_entries(self._journal):
             (folder / BAG_FOLDER).mkdir(exist_ok=True)
             self._study_id = _study_in(self._storage, settings.objective)
-        self._distributions: dict[str, optuna.distributions.BaseDistribution] = {
-            d.name: optuna.distributions.FloatDistribution(d.minimum, d.maximum) for d in settings.space.dimensions
-        }
+        self._distributions = distributions(settings.space)
         self._ids: list[int] = []
         self._trials: list[TrialRecord] = []
         self._candidates: list[Candidate] = []

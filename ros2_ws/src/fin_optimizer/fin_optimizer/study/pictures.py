@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 from fin_optimizer.parameters import SIMULATOR
 from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.search.space import Choice
 from fin_optimizer.study import drawing
 from fin_optimizer.study.candidate import candidates, fastest, front
 from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
@@ -70,6 +71,8 @@ def _simulated(settings: Settings, fish: Mapping[str, object]) -> SpeedCurve | N
     if fish.get("plant") != SIMULATOR or not {_FREQUENCY, _AMPLITUDE, _SETTLE, _DURATION} <= details.keys():
         return None
     (dimension,) = settings.space.dimensions
+    if isinstance(dimension, Choice) or not dimension.name.startswith("fin."):
+        return None
     fin = Fin.from_parameters(settings.fin_of({dimension.name: dimension.minimum}))
     gait = carangiform(details[_AMPLITUDE], details[_FREQUENCY])
     measurement = Measurement(details[_SETTLE], details[_DURATION], block=1.0 / details[_FREQUENCY])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 from optuna.study import StudyDirection
 
 from fin_optimizer.checksums import CHECK_SUM, check_sum
-from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.search.space import Choice, Space, dimension_from, written
 from fin_optimizer.study.journal import StudyError
 from fin_plant import checks, json_file
 from fin_plant.fin import AREA, node_table, scaled_to_area
@@ -21,6 +21,7 @@ from fin_plant.fin import AREA, node_table, scaled_to_area
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from fin_optimizer.search.space import AnyDimension
     from fin_plant.parameters import Value
 
 FORMAT = 1
@@ -88,8 +89,8 @@ class Settings:
 
     def flat(self) -> dict[str, object]:
         """Return every setting by a name that a reader knows."""
-        bounds = {f"range of {d.name}": f"[{d.minimum!r}, {d.maximum!r}] {d.unit}" for d in self.space.dimensions}
-        return {**bounds, **asdict(self.policy), "objective": str(self.objective), **self.details}
+        searched = dict(_in_words(dimension) for dimension in self.space.dimensions)
+        return {**searched, **asdict(self.policy), "objective": str(self.objective), **self.details}
 
     def differences(self, other: Settings) -> list[str]:
         """Return a text for each setting that differs, its value here first; an older version may leave some out."""
@@ -118,7 +119,7 @@ class Settings:
         """Return the text of ``study.json``, which is another one for each study."""
         content = {
             "format": FORMAT,
-            "space": [asdict(dimension) for dimension in self.space.dimensions],
+            "space": [written(dimension) for dimension in self.space.dimensions],
             "policy": asdict(self.policy),
             "objective": self.objective,
             "details": dict(self.details),
@@ -138,13 +139,26 @@ class Settings:
             content = cast("Any", json_file.parse(text))
             _check_format(content["format"])
             _check_unchanged(text, content)
-            space = Space(tuple(Dimension(**dimension) for dimension in content["space"]))
+            space = Space(tuple(map(dimension_from, content["space"])))
             return cls(space, Policy(**content["policy"]), content["details"], Objective(content["objective"]))
         except StudyError:
             raise
         except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
             msg = f"it is no study's settings ({type(error).__name__}: {error}); restore it or begin another folder"
             raise StudyError(msg) from error
+
+
+def _in_words(dimension: AnyDimension) -> tuple[str, str]:
+    """Return how a parameter is searched, as a name and its value."""
+    if isinstance(dimension, Choice):
+        return f"choices of {dimension.name}", f"{', '.join(map(str, dimension.choices))} {dimension.unit}".rstrip()
+    said = f"[{dimension.minimum!r}, {dimension.maximum!r}] {dimension.unit}"
+    kinds = {
+        "in the logarithm": dimension.log,
+        "whole": dimension.whole,
+        f"in steps of {dimension.step!r}": dimension.step and not (dimension.whole and dimension.step == 1.0),
+    }
+    return f"range of {dimension.name}", ", ".join([said, *(kind for kind, holds in kinds.items() if holds)])
 
 
 @cache
