@@ -99,7 +99,7 @@ def error(swim: RandomSwim, swum: BatchSwim) -> float:
     true = true_figures(swim)
     got = np.array([getattr(swum, name)[0] for name in TOLERANCES])
     scale = np.array(list(TOLERANCES.values())) * np.maximum(
-        np.abs(true), error_floors(task, fin_columns([swim.fin]))[0]
+        np.abs(true), error_floors(task, fin_columns([swim.fin]))[0, : len(TOLERANCES)]
     )
     off = np.abs(got - true)
     return float(np.divide(off, scale, out=np.zeros_like(off), where=off > 0.0).max())

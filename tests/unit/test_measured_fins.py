@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from fin_plant.gait import PAPER_GAIT
-from fin_sim import swim_batch
+from fin_sim.batch import swim_batch
 from fin_sim.materials import materials
 from fin_sim.presets import preset
 from fin_sim.validation import measured_fins

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from itertools import accumulate
@@ -14,8 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fin_plant.gait import Gait, GaitFollower, JointDrive
-from fin_sim import dynamics
+from fin_sim import dynamics, swim_command
 from fin_sim.angular_momentum import angular_momentum_budget
+from fin_sim.batch import Status, swim_batch
 from fin_sim.chain import Chain, build_chain
 from fin_sim.energy import energy_budget
 from fin_sim.fish import Fish, Link, Water
@@ -265,3 +267,34 @@ def test_parameters_give_a_motor_only_with_a_stall_torque_and_refuse_a_controlle
         Motor.from_parameters(
             {**values, "servo.gain": 1000.0, "servo.derivative_time": 0.1, "servo.no_load_speed": 900}
         )
+
+
+@pytest.mark.parametrize("clamp", ["free", "fixed"])
+@pytest.mark.parametrize("stall", [0.3, 3e-4])
+def test_the_batch_swims_with_motors_and_tells_their_power_and_torque(clamp: str, stall: float) -> None:
+    fish, settle = Fish(BODY, WATER, motor=replace(HOBBY, stall_torque=stall)), 4.0 - 2.0 / 0.9
+    batch = swim_batch([FIN], fish, BEAT, 4.0, clamp=clamp, settle=settle, threads=1)  # type: ignore[arg-type]
+    one = swim(FIN, fish, BEAT, 4.0, clamp=clamp, sample_time=2.5e-3)  # type: ignore[arg-type]
+    assert batch.status[0] == Status.OK
+    assert batch.mean_speed[0] == pytest.approx(one.mean_speed, rel=1e-3)
+    assert batch.servo_power[0] == pytest.approx(one.mean_between(one.servo_power, settle, 4.0), rel=3e-3)
+    assert batch.electrical_power[0] == pytest.approx(one.mean_between(one.electrical_power, settle, 4.0), rel=3e-3)
+    assert batch.servo_torque[0] == pytest.approx(one.largest_servo_torque, rel=1e-2)
+
+
+def test_the_batch_tells_no_electrical_power_of_ideal_servos() -> None:
+    batch = swim_batch([FIN], Fish(BODY, WATER), BEAT, 4.0, threads=1)
+    assert batch.status[0] == Status.OK
+    assert np.isnan(batch.electrical_power[0])
+    assert np.isnan(batch.servo_torque[0])
+
+
+def test_a_sweep_over_the_stall_torque_has_one_table_quick_or_not(capsys: pytest.CaptureFixture[str]) -> None:
+    sweep = ("--sweep", "servo.stall_torque=0,0.3", "--duration", "3", "--fin.damping_time", "0.01", "--json")
+    for more in ((), ("--quick",)):
+        assert swim_command.main([*sweep, *more]) == 0
+        ideal, motor = json.loads(capsys.readouterr().out)
+        assert ideal.keys() == motor.keys()
+        assert ideal["mean_electrical_power"] is None
+        assert motor["mean_electrical_power"] > motor["mean_servo_power"] > 0.0
+        assert motor["largest_servo_torque"] > 0.0

@@ -23,14 +23,15 @@ if TYPE_CHECKING:
     from fin_sim.sweep import SwimPlan
 
 _FIGURES = ("mean_speed", "mean_servo_power", "largest_hinge_angle")
-_FIGURES_OF_A_HELD_BODY = (*_FIGURES, "mean_thrust", "efficiency")
+_OF_A_HELD_BODY = ("mean_thrust", "efficiency")
+_OF_A_MOTOR = ("mean_electrical_power", "largest_servo_torque")
 _MOST_AT_A_TIME = 256
 """Fins of a batch: between two of them a sweep shows its progress and can be stopped."""
 
 
 def quick_figures(plan: SwimPlan) -> tuple[Figure, ...]:
     """Return the figures that a quick sweep has, in the order of `FIGURES`."""
-    names = _FIGURES if plan.clamp == "free" else _FIGURES_OF_A_HELD_BODY
+    names = {*_FIGURES, *(_OF_A_HELD_BODY if plan.clamp != "free" else ()), *(_OF_A_MOTOR if plan.fish().motor else ())}
     return tuple(figure for figure in FIGURES if figure.name in names)
 
 
@@ -38,14 +39,14 @@ def refuse_slow(plans: Sequence[SwimPlan]) -> None:
     """Refuse what does not swim in a batch.
 
     Raises:
-        ValueError: A servo that is not ideal.
+        ValueError: A servo with a lag.
     """
     for plan in plans:
         servo = plan.servo()
         if servo.lag > 0.0:
             msg = (
-                f"servo.lag = {servo.lag:g} s: --quick swims with ideal servos only, whose joints go as the gait says; "
-                "leave out --quick, or every servo parameter"
+                f"servo.lag = {servo.lag:g} s: --quick swims with servos that are told what the gait says; leave out "
+                "--quick, or the lag and what needs it"
             )
             raise ValueError(msg)
 
@@ -68,8 +69,8 @@ def _batches(plans: Sequence[SwimPlan]) -> list[list[int]]:
     ]
 
 
-def _swim(plans: Sequence[SwimPlan]) -> list[Swum]:
-    """Swim plans that differ in their fins alone."""
+def _swim(plans: Sequence[SwimPlan], names: Sequence[str]) -> list[Swum]:
+    """Swim plans that differ in their fins alone; return the figures of these names, None where they have none."""
     plan = plans[0]
     fish = plan.fish()
     gait = plan.drive(fish.driven_joints)
@@ -89,7 +90,7 @@ def _swim(plans: Sequence[SwimPlan]) -> list[Swum]:
         settle=begin or 0.0,
         threads=1,
     )
-    names = [figure.name for figure in quick_figures(plan)]
+    own = [figure.name for figure in quick_figures(plan)]
     steady = _steady_figures(plan, batch) if begin is not None else {}
     result = []
     for index in range(len(plans)):
@@ -102,7 +103,7 @@ def _swim(plans: Sequence[SwimPlan]) -> list[Swum]:
             "largest_hinge_angle": float(batch.largest_hinge_angle[index]),
             **{name: values[index] for name, values in steady.items()},
         }
-        result.append(Swum({name: known.get(name) for name in names}, batch.warnings(index)))
+        result.append(Swum({name: known.get(name) if name in own else None for name in names}, batch.warnings(index)))
     return result
 
 
@@ -111,6 +112,8 @@ def _steady_figures(plan: SwimPlan, batch: BatchSwim) -> dict[str, list[float | 
     rows: dict[str, list[float | None]] = {
         "mean_thrust": batch.thrust.tolist(),
         "mean_servo_power": batch.servo_power.tolist(),
+        "mean_electrical_power": batch.electrical_power.tolist(),
+        "largest_servo_torque": batch.servo_torque.tolist(),
     }
     if plan.reactive == "distributed":
         # Only a held body has an efficiency here; it heads along x.
@@ -136,9 +139,12 @@ def swim_quickly(plans: Sequence[SwimPlan], cores: int | None = None) -> Iterato
     """
     refuse_slow(plans)
     places: dict[int, tuple[Future[list[Swum]], int]] = {}
+    batches = _batches(plans)
+    known = {figure.name for batch in batches for figure in quick_figures(plans[batch[0]])}
+    names = [figure.name for figure in FIGURES if figure.name in known]
     with swimming_threads(cores) as executor:
-        for batch in _batches(plans):
-            future = executor.submit(_swim, [plans[index] for index in batch])
+        for batch in batches:
+            future = executor.submit(_swim, [plans[index] for index in batch], names)
             places |= {index: (future, row) for row, index in enumerate(batch)}
         ordered = (places[index] for index in range(len(plans)))
         yield (future.result()[row] for future, row in ordered)

@@ -298,6 +298,8 @@ FIGURES = (
 )
 SWEEP_TABLE = ("mean_speed", "steady_speed", "mean_thrust", "mean_servo_power", "efficiency", "strouhal_number")
 """What the table of a sweep shows; its CSV has every figure."""
+OF_A_MOTOR = ("mean_electrical_power",)
+"""What it shows besides where a servo has a motor."""
 
 
 @dataclass(frozen=True)

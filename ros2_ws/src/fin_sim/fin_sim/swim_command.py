@@ -29,7 +29,17 @@ from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
 from fin_sim.materials import material
 from fin_sim.quick_sweep import swim_quickly
-from fin_sim.sweep import FIGURES, PARAMETERS, SWEEP_TABLE, Axis, SwimPlan, parse_axis, sweep_plans, swim_all
+from fin_sim.sweep import (
+    FIGURES,
+    OF_A_MOTOR,
+    PARAMETERS,
+    SWEEP_TABLE,
+    Axis,
+    SwimPlan,
+    parse_axis,
+    sweep_plans,
+    swim_all,
+)
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
@@ -398,7 +408,8 @@ def _run_case(options: argparse.Namespace) -> None:
 def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> Table:
     known = [figure for figure in FIGURES if figure.name in rows[0]]
     # A quick sweep has so few that all fit.
-    shown = known if len(known) < len(FIGURES) else [figure for figure in known if figure.name in SWEEP_TABLE]
+    chosen = {*SWEEP_TABLE, *(name for name in OF_A_MOTOR if any(row.get(name) is not None for row in rows))}
+    shown = known if len(known) < len(FIGURES) else [figure for figure in known if figure.name in chosen]
     table = Table(
         *(f"{axis.name}\n{axis.unit}" for axis in axes), *(f"{figure.title}\n{figure.unit}" for figure in shown)
     )

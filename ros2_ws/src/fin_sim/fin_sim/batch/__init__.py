@@ -1,8 +1,8 @@
 """Many swims at once: the figures of one swim for each of many fins, on all cores.
 
 * `swim_batch`: divides the fins among threads. Up to `LONGEST_LANE_CHAIN` links they swim side by side (`lanes`);
-  longer chains, fins with a profile, and fins with too little damping for the lanes' long steps, each swim by the
-  general kernel of `fin_sim.dynamics` (`general_kernel`).
+  longer chains, fins with a profile, fins with too little damping for the lanes' long steps, and fish whose servos
+  have a motor each swim by the general kernel of `fin_sim.dynamics` (`general_kernel`).
 * `columns`: fins as columns. `links`: what they are as links. `task`: what all fins share.
 * `equations`, `tracing`, `kernel`: the equations of one fish, recorded and made into code whose vector registers
   hold a fish in each lane.

@@ -40,11 +40,15 @@ def _general_figures(task: Task, fin: Fin, steps: int) -> NDArray[np.float64]:
     samples = len(swum.time)
     weights = window_weights(samples, task.settle / task.duration * (samples - 1))
     forward = np.stack((np.cos(swum.heading), np.sin(swum.heading)), axis=1)
+    has_motor = chain.motor is not None
+    driven = swum.joint_torques[swum.time >= task.ramp_time][:, np.array(chain.driven)]
     figures = {
         "mean_speed": swum.mean_speed,
         "mean_forward_speed": weights @ swum.surge,
         "thrust": weights @ np.sum(swum.convective_force * forward, axis=1),
         "servo_power": weights @ swum.servo_power,
+        "electrical_power": weights @ swum.electrical_power if has_motor else 0.0,
+        "servo_torque": np.abs(driven).max(initial=0.0) if has_motor else 0.0,
         "x": swum.x[-1],
         "y": swum.y[-1],
         "heading": swum.heading[-1],
@@ -59,6 +63,8 @@ def swim_by_general_kernel(
     """Return the figures of one fin by the general kernel, shape (1, figures), and its status, shape (1,)."""
     fin, floors = fin_at(fins, 0), error_floors(task, fins)
     step = min(GENERAL_STEP, task.step)
+    if task.fish.motor:
+        step = min(step, task.fish.motor.longest_step)
     if task.fastest > 0.0:
         step = min(step, 1.0 / (GENERAL_STEPS_A_BEAT * task.fastest))
         if task.ramp_time > 0.0:

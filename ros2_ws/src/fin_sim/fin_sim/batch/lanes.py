@@ -12,7 +12,7 @@ from fin_plant.gait import GaitFollower
 from fin_sim.batch.kernel import HINGE_REACH, Form, generate
 from fin_sim.batch.links import lane_constants, link_columns, normal_drags
 from fin_sim.batch.proven import PROVEN_ANGLE
-from fin_sim.batch.result import FIGURES, LARGEST_ANGLE
+from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, OF_A_MOTOR
 from fin_sim.batch.tolerances import difference, error_floors, settled
 from fin_sim.batch.window import window_weights
 from fin_sim.chain import build_chain
@@ -99,6 +99,7 @@ def _figures(task: Task, left: Mapping[str, NDArray[np.float64]]) -> NDArray[np.
         "heading": left.get("heading", nothing),
         "largest_hinge_angle": left.get("largest_angle", nothing),
     }
+    columns |= dict.fromkeys(OF_A_MOTOR, nothing)
     return np.column_stack([columns[name] + sound for name in FIGURES])
 
 

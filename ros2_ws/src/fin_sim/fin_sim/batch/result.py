@@ -48,6 +48,9 @@ class BatchSwim:
             (n,). The reaction has no mean over whole steady beats of a body that is held; in the axes of a free body,
             which yaws, it has one: `Swim.mean_thrust` of the papers' fish is 4 to 15 % more than this.
         servo_power: Mean over the window of the servos' mechanical power, W, shape (n,).
+        electrical_power: Mean over the window of what the servos draw from their supply, W, shape (n,); NaN of ideal
+            servos, which tell none.
+        servo_torque: Largest torque of any servo's motor after the gait's ramp, N m, shape (n,); NaN of ideal servos.
         x: Where the swim ended, m, shape (n,).
         y: Where the swim ended, m, shape (n,).
         heading: At the end, rad, shape (n,).
@@ -61,6 +64,8 @@ class BatchSwim:
     mean_forward_speed: NDArray[np.float64]
     thrust: NDArray[np.float64]
     servo_power: NDArray[np.float64]
+    electrical_power: NDArray[np.float64]
+    servo_torque: NDArray[np.float64]
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     heading: NDArray[np.float64]
@@ -90,4 +95,6 @@ class BatchSwim:
 
 
 FIGURES = tuple(item.name for item in fields(BatchSwim) if item.name not in {"fins", "status"})
+OF_A_MOTOR = ("electrical_power", "servo_torque")
+"""Those that only servos with a motor have."""
 LARGEST_ANGLE = FIGURES.index("largest_hinge_angle")

@@ -19,7 +19,7 @@ from fin_sim.batch.kernel import LEAST_DAMPING
 from fin_sim.batch.lanes import swim_in_lanes
 from fin_sim.batch.links import least_damping_times
 from fin_sim.batch.proven import proven_fins
-from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, BatchSwim, Status
+from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, OF_A_MOTOR, BatchSwim, Status
 from fin_sim.batch.task import checked_task
 from fin_sim.swim import PAPER_FISH, RAMP_TIME
 
@@ -69,7 +69,7 @@ def _pieces(task: Task, columns: Mapping[str, NDArray[np.generic]], chosen: NDAr
             same = chosen & (columns["hinges"] == hinges) & (columns["segments"] == segments)
             passive = segments - 1 if hinges == "between" else segments
             lanes = same & (damped | (passive == 0)) & ~profiled
-            if passive + task.fish.driven_joints > LONGEST_LANE_CHAIN:
+            if passive + task.fish.driven_joints > LONGEST_LANE_CHAIN or task.fish.motor:
                 lanes = np.zeros_like(same)
             for known in (True, False):
                 for kind in (lanes & (proven == known) & straight, lanes & (proven == known) & ~straight):
@@ -138,6 +138,8 @@ def swim_batch(
     pieces = list(_pieces(task, columns, good))
     _run(swim, pieces, workers)
     _run(swim, _unsettled(pieces, status), workers)
+    if not task.fish.motor:
+        figures[:, [FIGURES.index(name) for name in OF_A_MOTOR]] = np.nan
     return _result(columns, figures, status)
 
 
