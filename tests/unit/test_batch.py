@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive, carangiform
 from fin_sim import dynamics
 from fin_sim.batch import Status, kernel, swim_batch
@@ -53,7 +52,9 @@ from fin_sim.chain import (
     build_chain,
 )
 from fin_sim.fish import Fish, Link
-from fin_sim.swim import PAPER_FISH, RAMP_TIME, swim
+from fin_sim.swim import RAMP_TIME, swim
+from support.paper_fish import FISH as PAPER_FISH
+from support.paper_fish import paper_columns, paper_fin
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -113,7 +114,7 @@ def test_lane_equations_are_those_of_the_general_kernel(
 ) -> None:
     random = np.random.default_rng(segments)
     for tip in (0.025, 0.01, 0.0, 0.04):
-        chain = build_chain(fish, Fin(segments=segments, tip_height=tip), reactive=reactive, clamp=clamp)
+        chain = build_chain(fish, paper_fin(segments=segments, tip_height=tip), reactive=reactive, clamp=clamp)
         table, links, driven = chain.link_table(), len(chain.links), fish.driven_joints
         state = random.normal(size=6 + 2 * links)
         state[3:5] *= 0.1
@@ -188,7 +189,7 @@ class ReferenceStepper:
 @pytest.mark.parametrize("reactive", ["tip", "distributed"])
 @pytest.mark.parametrize(("fish", "gait"), [(PAPER_FISH, PAPER_GAIT), (SWIMMER, SWIMMER_GAIT)])
 def test_a_swim_in_lanes_is_the_same_method_with_the_general_kernel(reactive: Reactive, fish: Fish, gait: Gait) -> None:
-    fin, steps, duration = Fin(tip_height=0.035), 100, 2.0
+    fin, steps, duration = paper_fin(tip_height=0.035), 100, 2.0
     follower = GaitFollower(fish.driven_joints, 0.5)
     follower.command(gait, 0.0)
     motion = follower.motion(np.linspace(duration / steps, duration, steps))
@@ -211,7 +212,7 @@ def test_means_over_a_window_are_exact_for_a_cubic_wherever_it_begins(samples: i
 
 def test_columns_of_links_are_those_of_single_fins() -> None:
     for hinges in ("between", "midpoint"):
-        fins = [Fin(young_modulus=e, tip_height=tip, hinges=hinges) for e in (1e8, 3e9) for tip in (0.0, 0.04)]
+        fins = [paper_fin(young_modulus=e, tip_height=tip, hinges=hinges) for e in (1e8, 3e9) for tip in (0.0, 0.04)]
         links = link_columns(SWIMMER, fin_columns(fins))
         columns = lane_constants(links, SWIMMER.water)
         for row, fin in enumerate(fins):
@@ -227,7 +228,7 @@ def test_columns_of_links_are_those_of_single_fins() -> None:
 @pytest.mark.parametrize("reactive", ["tip", "distributed"])
 def test_mean_speed_is_within_a_thousandth_of_the_converged_one(reactive: Reactive) -> None:
     shapes = [{}, {"length": 0.05}, {"length": 0.14, "height": 0.0143, "tip_height": 0.0143}]
-    fins = [Fin(young_modulus=e, **shape) for shape in shapes for e in (5e8, 1.2e9, 4e9, 8e9, 2e11)]  # type: ignore[arg-type]
+    fins = [paper_fin(young_modulus=e, **shape) for shape in shapes for e in (5e8, 1.2e9, 4e9, 8e9, 2e11)]
     swum = swim_batch(fins, reactive=reactive)
     converged = [swim(fin, reactive=reactive, step=2e-3) for fin in fins]
     assert swum.mean_speed == pytest.approx([one.mean_speed for one in converged], rel=1e-3)
@@ -242,7 +243,7 @@ def test_mean_speed_is_within_a_thousandth_of_the_converged_one(reactive: Reacti
 
 @pytest.mark.parametrize("clamp", ["fixed", "towed"])
 def test_thrust_and_power_of_a_held_body_are_those_of_single_swims(clamp: Clamp) -> None:
-    fins, duration, settle = [Fin(density=0.0), Fin(young_modulus=4e9)], 8.0 / 0.9, 4.0 / 0.9
+    fins, duration, settle = [paper_fin(density=0.0), paper_fin(young_modulus=4e9)], 8.0 / 0.9, 4.0 / 0.9
     tow = {"tow_speed": 0.03} if clamp == "towed" else {}
     swum = swim_batch(fins, duration=duration, settle=settle, clamp=clamp, **tow)  # type: ignore[arg-type]
     for index, fin in enumerate(fins):
@@ -258,21 +259,21 @@ def test_a_fin_swims_the_same_alone_in_any_batch_and_on_any_number_of_threads(
 ) -> None:
     """Both in windows whose fins are proven and in those, 300 times as dear, whose fins swim until they converge."""
     monkeypatch.setattr(import_module("fin_sim.batch.swim_batch"), "_BLOCK", block)
-    columns = {"young_modulus": np.linspace(5e8, 4e9, count), "length": np.array(0.06)}
+    columns = paper_columns(young_modulus=np.linspace(5e8, 4e9, count), length=0.06)
     task = checked_task(PAPER_FISH, PAPER_GAIT, duration, "distributed", "free", 0.0, RAMP_TIME, 0.0, None, precision)
     assert (proven_fins(task, fin_columns(columns)) == (duration == 10.0)).all()
-    together = swim_batch(columns, duration=duration, precision=precision, threads=2)
-    apart = swim_batch(columns, duration=duration, precision=precision, threads=1)
+    together = swim_batch(columns, PAPER_FISH, duration=duration, precision=precision, threads=2)
+    apart = swim_batch(columns, PAPER_FISH, duration=duration, precision=precision, threads=1)
     assert np.array_equal(together.mean_speed, apart.mean_speed)
     for index in (0, 7, block, count - 1):
-        fin = Fin(young_modulus=columns["young_modulus"][index], length=0.06)
-        alone = swim_batch([fin], duration=duration, precision=precision)
+        fin = paper_fin(young_modulus=columns["young_modulus"][index], length=0.06)
+        alone = swim_batch([fin], PAPER_FISH, duration=duration, precision=precision)
         assert alone.mean_speed[0] == together.mean_speed[index]
 
 
 def test_a_refused_and_a_diverging_fin_spoil_nobody_elses_result() -> None:
     moduli = np.array([1.2e9, np.nan, 1.2e9, -1.0, np.inf, 1.2e9])
-    swum = swim_batch({"young_modulus": moduli, "thickness": [2e-4, 2e-4, 0.019, 2e-4, 2e-4, 2e-4], "height": 0.01})
+    swum = swim_batch(paper_columns(young_modulus=moduli, thickness=[2e-4, 2e-4, 0.019, 2e-4, 2e-4, 2e-4], height=0.01))
     refused = Status.REFUSED
     assert swum.status.tolist() == [Status.OK, refused, refused, refused, refused, Status.OK]
     assert swum.mean_speed[0] == swum.mean_speed[5]
@@ -280,7 +281,9 @@ def test_a_refused_and_a_diverging_fin_spoil_nobody_elses_result() -> None:
     assert "fin.young_modulus = nan" in swum.reason(1)
     assert "thickness" in swum.reason(2)
     assert swum.reason(0) == ""
-    violent = swim_batch([Fin(), Fin(young_modulus=1e7)], gait=carangiform(3.0, 10.0), step=0.05, duration=2.0)
+    violent = swim_batch(
+        [paper_fin(), paper_fin(young_modulus=1e7)], gait=carangiform(3.0, 10.0), step=0.05, duration=2.0
+    )
     assert (violent.status == Status.FOLDED).all()
     assert np.isnan(violent.mean_speed).all()
     assert (violent.largest_hinge_angle > math.pi).all()
@@ -288,16 +291,16 @@ def test_a_refused_and_a_diverging_fin_spoil_nobody_elses_result() -> None:
 
 
 def test_long_chains_and_undamped_fins_swim_by_the_general_kernel() -> None:
-    fins = [Fin(segments=20, hinges="midpoint"), Fin(damping_time=0.0), Fin()]
+    fins = [paper_fin(segments=20, hinges="midpoint"), paper_fin(damping_time=0.0), paper_fin()]
     swum = swim_batch(fins, duration=2.0)
     for index in (0, 1):
         assert swum.mean_speed[index] == pytest.approx(swim(fins[index], duration=2.0).mean_speed, rel=2e-4)
     assert (swum.status == Status.OK).all()
-    assert swum.mean_speed[2] == swim_batch([Fin()], duration=2.0).mean_speed[0]
+    assert swum.mean_speed[2] == swim_batch([paper_fin()], duration=2.0).mean_speed[0]
 
 
 def test_more_links_than_a_chain_can_have_is_a_refused_fin() -> None:
-    swum = swim_batch([Fin(segments=20, hinges="midpoint"), Fin()], SWIMMER, SWIMMER_GAIT, 0.5)
+    swum = swim_batch([paper_fin(segments=20, hinges="midpoint"), paper_fin()], SWIMMER, SWIMMER_GAIT, 0.5)
     assert swum.status.tolist() == [Status.REFUSED, Status.OK]
     assert "fewer segments" in swum.reason(0)
 
@@ -317,7 +320,7 @@ def test_more_links_than_a_chain_can_have_is_a_refused_fin() -> None:
 )
 def test_what_all_fins_share_is_refused_by_name(arguments: dict[str, Any], named: str) -> None:
     with pytest.raises(ValueError, match=named):
-        swim_batch([Fin()], **arguments)
+        swim_batch([paper_fin()], **arguments)
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ import pytest
 import scipy.integrate
 
 from fin_plant import validity
-from fin_plant.fin import Fin, ProfiledFin
+from fin_plant.fin import ProfiledFin
 from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive
 from fin_sim import dynamics
 from fin_sim.batch import TOLERANCES, BatchSwim, Status, swim_batch
@@ -21,8 +21,9 @@ from fin_sim.batch.proven import proven_fins
 from fin_sim.batch.task import checked_task
 from fin_sim.batch.tolerances import error_floors
 from fin_sim.chain import build_chain
-from fin_sim.swim import PAPER_FISH
 from fin_sim.swim import swim as swim_alone
+from support.paper_fish import FISH as PAPER_FISH
+from support.paper_fish import paper_columns, paper_fin
 from support.random_swims import RandomSwim, random_swim
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def in_batch(swim: RandomSwim) -> BatchSwim:
     """Return the batch of one swim."""
     return swim_batch(
         [swim.fin],
+        PAPER_FISH,
         gait=swim.gait,
         duration=swim.duration,
         ramp_time=swim.ramp_time,
@@ -146,17 +148,17 @@ def drive(frequency: float, degrees: float) -> Gait:
 
 NASTY = {
     "short ramp at a low frequency": RandomSwim(
-        Fin(tip_height=0.03), drive(0.2, 20.0), 12.0, 0.03, 0.0, "free", "distributed"
+        paper_fin(tip_height=0.03), drive(0.2, 20.0), 12.0, 0.03, 0.0, "free", "distributed"
     ),
-    "fast beat": RandomSwim(Fin(tip_height=0.03), drive(8.0, 40.0), 1.0, 0.1, 0.0, "free", "distributed"),
+    "fast beat": RandomSwim(paper_fin(tip_height=0.03), drive(8.0, 40.0), 1.0, 0.1, 0.0, "free", "distributed"),
     "soft fin": RandomSwim(
-        Fin(young_modulus=5e7, tip_height=0.02), drive(0.9, 15.0), 6.0, 0.5, 0.0, "free", "distributed"
+        paper_fin(young_modulus=5e7, tip_height=0.02), drive(0.9, 15.0), 6.0, 0.5, 0.0, "free", "distributed"
     ),
     "no damping": RandomSwim(
-        Fin(damping_time=0.0, tip_height=0.02), drive(1.5, 30.0), 4.0, 0.5, 3.0, "fixed", "distributed"
+        paper_fin(damping_time=0.0, tip_height=0.02), drive(1.5, 30.0), 4.0, 0.5, 3.0, "fixed", "distributed"
     ),
     "window between two steps": RandomSwim(
-        Fin(tip_height=0.03), drive(0.9, 15.0), 10.0, 0.5, 9.987, "fixed", "distributed"
+        paper_fin(tip_height=0.03), drive(0.9, 15.0), 10.0, 0.5, 9.987, "fixed", "distributed"
     ),
 }
 
@@ -170,7 +172,7 @@ def test_nasty_swim_is_right(name: str) -> None:
 
 @pytest.mark.parametrize("clamp", ["free", "fixed"])
 def test_proven_fins_are_right_without_a_second_swim(clamp: str) -> None:
-    fins = [Fin(young_modulus=e, tip_height=tip) for e, tip in ((3e8, 0.025), (1.2e9, 0.05), (4e9, 0.025))]
+    fins = [paper_fin(young_modulus=e, tip_height=tip) for e, tip in ((3e8, 0.025), (1.2e9, 0.05), (4e9, 0.025))]
     for fin in fins:
         swim = RandomSwim(fin, PAPER_GAIT, 10.0, 0.5, 0.0, clamp, "distributed")  # type: ignore[arg-type]
         task = checked_task(PAPER_FISH, PAPER_GAIT, 10.0, "distributed", clamp, 0.0, 0.5, 0.0, None, "double")
@@ -179,7 +181,7 @@ def test_proven_fins_are_right_without_a_second_swim(clamp: str) -> None:
 
 
 def test_a_fin_that_folds_has_its_angle_and_no_figures() -> None:
-    fin = Fin(young_modulus=1.23e7, length=0.079, height=0.011, tip_height=0.025, thickness=3.2e-4)
+    fin = paper_fin(young_modulus=1.23e7, length=0.079, height=0.011, tip_height=0.025, thickness=3.2e-4)
     swum = in_batch(RandomSwim(fin, drive(5.5, 36.0), 10.0, 0.5, 0.0, "free", "distributed"))
     assert swum.status[0] == Status.FOLDED
     assert swum.largest_hinge_angle[0] > validity.FOLDED_ANGLE
@@ -189,18 +191,18 @@ def test_a_fin_that_folds_has_its_angle_and_no_figures() -> None:
 
 def test_fins_with_a_profile_swim_in_a_batch_as_they_do_alone() -> None:
     profile = {"profile_position": (0.3, 0.6), "profile_height": (0.01, 0.04)}
-    fins = [ProfiledFin(**profile, young_modulus=1e9), Fin(young_modulus=1e9)]  # type: ignore[arg-type]
+    fins = [ProfiledFin(**paper_columns(**profile, young_modulus=1e9)), paper_fin(young_modulus=1e9)]
     swum = swim_batch(fins, duration=3.0)
     assert swum.mean_speed == pytest.approx([swim_alone(fin, duration=3.0).mean_speed for fin in fins], rel=1e-3)
-    columns = swim_batch({"young_modulus": [1e9, 2e9], **profile}, duration=3.0)
+    columns = swim_batch(paper_columns(young_modulus=[1e9, 2e9], **profile), duration=3.0)
     assert columns.mean_speed[0] == swum.mean_speed[0]
-    refused = swim_batch({"profile_position": (0.6, 0.3), "profile_height": (0.01, 0.04)}, duration=1.0)
+    refused = swim_batch(paper_columns(profile_position=(0.6, 0.3), profile_height=(0.01, 0.04)), duration=1.0)
     assert refused.status[0] == Status.REFUSED
     assert "must rise" in refused.reason(0)
 
 
 def test_a_large_bend_and_a_short_fin_are_said_of_a_swim_of_the_batch() -> None:
-    swum = swim_batch({"length": [0.08, 0.04]}, duration=1.0)
+    swum = swim_batch(paper_columns(length=[0.08, 0.04]), duration=1.0)
     assert swum.warnings(0) == []
     assert "strip theory" in swum.warnings(1)[0]
     assert 0.0 < swum.largest_hinge_angle[0] < validity.BENT_ANGLE

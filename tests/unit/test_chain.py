@@ -12,13 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fin_plant.fin import Fin, ProfiledFin
+from fin_plant.fin import ProfiledFin
 from fin_sim import chain as tables
 from fin_sim import dynamics
 from fin_sim.chain import REACTIVE_FORMS, Chain, build_chain, fin_links
 from fin_sim.energy import energy_budget
 from fin_sim.fish import Body, Link, Water, ellipsoid_added_mass_factors
 from fin_sim.swim import PAPER_FISH, swim
+from support.paper_fish import paper_fin
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,21 +30,21 @@ if TYPE_CHECKING:
 
 
 def test_hinges_between_segments_make_equal_links_the_first_one_driven() -> None:
-    links, driven = fin_links(Fin())
+    links, driven = fin_links(paper_fin())
     assert [link.length for link in links] == pytest.approx([0.08 / 3] * 3)
     assert driven == (True, False, False)
-    assert links[1].stiffness == pytest.approx(Fin().hinge_stiffness(0.08 / 3))
+    assert links[1].stiffness == pytest.approx(paper_fin().hinge_stiffness(0.08 / 3))
     assert links[1].damping == pytest.approx(0.01 * links[1].stiffness)
 
 
 def test_hinges_at_midpoints_make_half_links_at_both_ends() -> None:
-    links, driven = fin_links(Fin(segments=4, hinges="midpoint"))
+    links, driven = fin_links(paper_fin(segments=4, hinges="midpoint"))
     assert [link.length for link in links] == pytest.approx([0.01, 0.02, 0.02, 0.02, 0.01])
     assert driven == (True, False, False, False, False)
 
 
 def test_straight_edges_written_as_a_profile_are_the_same_chain() -> None:
-    straight = Fin(tip_height=0.05, segments=5, hinges="midpoint")
+    straight = paper_fin(tip_height=0.05, segments=5, hinges="midpoint")
     points = (0.37, 0.81)
     values = dict(vars(straight))
     written = ProfiledFin(
@@ -124,7 +125,7 @@ def test_profiled_fin_swims_like_the_profile_finely_cut() -> None:
 
 
 def test_bending_frequency_tends_to_the_clamped_beams_in_water() -> None:
-    fin = Fin(segments=20, hinges="midpoint", density=0.0)
+    fin = paper_fin(segments=20, hinges="midpoint", density=0.0)
     bending = fin.young_modulus * 0.025 * fin.thickness**3 / 12.0
     mass = 0.25 * math.pi * 1000.0 * 0.025**2
     beam = 1.8751040687**2 * math.sqrt(bending / (mass * 0.08**4)) / (2.0 * math.pi)
@@ -132,7 +133,7 @@ def test_bending_frequency_tends_to_the_clamped_beams_in_water() -> None:
 
 
 def test_rigid_tail_has_no_bending_frequency() -> None:
-    assert len(build_chain(PAPER_FISH, Fin(segments=1)).bending_frequencies()) == 0
+    assert len(build_chain(PAPER_FISH, paper_fin(segments=1)).bending_frequencies()) == 0
 
 
 def test_body_of_given_added_masses_is_taken_as_given() -> None:
@@ -196,5 +197,5 @@ def test_body_that_cannot_be_is_refused(name: str, value: float) -> None:
 
 def test_fin_that_ends_in_a_point_swims_in_both_forms() -> None:
     for reactive in REACTIVE_FORMS:
-        result = swim(Fin(tip_height=0.0, segments=5), reactive=reactive, duration=4.0)  # type: ignore[arg-type]
+        result = swim(paper_fin(tip_height=0.0, segments=5), reactive=reactive, duration=4.0)  # type: ignore[arg-type]
         assert np.isfinite(result.joint_angles).all()

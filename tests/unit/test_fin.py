@@ -5,13 +5,14 @@ import math
 import pytest
 
 from fin_plant.fin import Fin, ProfiledFin
+from support.paper_fish import paper_fin
 
 
 @pytest.mark.parametrize(
     ("fin", "stiffness"),
     [
-        (Fin(young_modulus=1.9e9, length=0.08, height=0.025, tip_height=0.025), 1.35e-3),
-        (Fin(young_modulus=7.55e9, length=0.14, height=0.0143, tip_height=0.0143), 1.73e-3),
+        (paper_fin(young_modulus=1.9e9, length=0.08, height=0.025, tip_height=0.025), 1.35e-3),
+        (paper_fin(young_modulus=7.55e9, length=0.14, height=0.0143, tip_height=0.0143), 1.73e-3),
     ],
 )
 def test_the_paper_fin_has_the_stiffness_that_the_papers_print(fin: Fin, stiffness: float) -> None:

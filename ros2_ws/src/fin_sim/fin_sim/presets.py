@@ -14,7 +14,7 @@ from fin_sim.fish import Fish
 if TYPE_CHECKING:
     from fin_sim.chain import Reactive
 
-PRESETS = ("clark2012_model", "clark2012_simulation", "clark2012_fish", "raja_mohamed")
+PRESETS = ("clark2012_model", "clark2012_simulation", "clark2012_fish", "raja_mohamed", "three_segments")
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fin_sim.batch import swim_batch
+from fin_sim.presets import preset
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+PAPER = preset("three_segments")
+"""Fin and fish that are swum where nothing else is said."""
 DURATION = 10.0
 """Of a swim, in s."""
 MODULI = np.linspace(0.5e9, 4e9, 15)
@@ -56,6 +59,7 @@ def wall_time(work: Callable[[], object], repeats: int) -> float:
 
 def batch(count: int, **options: Any) -> Callable[[], object]:
     """Return the work of swimming so many paper fins on one core, or as many as ``threads`` says."""
-    columns = {"young_modulus": np.linspace(MODULI[0], MODULI[-1], count), **options.pop("columns", {})}
-    arguments = {"reactive": "tip", "threads": 1, **options}
-    return lambda: swim_batch(columns, **arguments)
+    moduli = np.linspace(MODULI[0], MODULI[-1], count)
+    columns = {**vars(PAPER.fin), "young_modulus": moduli, **options.pop("columns", {})}
+    arguments = {"reactive": PAPER.reactive, "threads": 1, **options}
+    return lambda: swim_batch(columns, PAPER.fish, **arguments)

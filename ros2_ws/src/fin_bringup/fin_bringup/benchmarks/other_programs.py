@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy.integrate
 
 from fin_bringup.benchmarks import mujoco_fish
-from fin_bringup.benchmarks.measuring import DURATION, MODULI, core_time
-from fin_plant.fin import Fin
+from fin_bringup.benchmarks.measuring import DURATION, MODULI, PAPER, core_time
 from fin_plant.gait import PAPER_GAIT, GaitFollower
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
-from fin_sim.swim import PAPER_FISH, RAMP_TIME, swim
+from fin_sim.swim import RAMP_TIME, swim
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -26,7 +26,7 @@ MUJOCO_ERROR = 0.01
 
 def scipy_swim(relative_tolerance: float) -> float:
     """Return the mean speed of the paper fin by `solve_ivp` (LSODA) on the equations of the general kernel, m/s."""
-    chain = build_chain(PAPER_FISH, Fin(), reactive="tip")
+    chain = build_chain(PAPER.fish, PAPER.fin, reactive=PAPER.reactive)
     table, body, links = chain.link_table(), chain.body_vector(), len(chain.links)
     follower = GaitFollower(1, RAMP_TIME)
     follower.command(PAPER_GAIT, 0.0)
@@ -55,8 +55,15 @@ def scipy_swim(relative_tolerance: float) -> float:
 
 def others(sizes: Sizes) -> dict[str, dict[str, float]]:
     """Return core time and error of the same swim by the general kernel, SciPy and MuJoCo, one core each."""
-    exact = swim(duration=DURATION, reactive="tip").mean_speed
-    general: dict[str, Any] = {"duration": DURATION, "reactive": "tip", "sample_time": 0.025, "step": 0.025}
+    exact = swim(PAPER.fin, PAPER.fish, duration=DURATION, reactive=PAPER.reactive).mean_speed
+    general: dict[str, Any] = {
+        "fin": PAPER.fin,
+        "fish": PAPER.fish,
+        "reactive": PAPER.reactive,
+        "duration": DURATION,
+        "sample_time": 0.025,
+        "step": 0.025,
+    }
     rows = {
         "general kernel at 25 ms": {
             "core_ms": core_time(lambda: swim(**general), sizes.repeats) * 1e3,
@@ -69,16 +76,16 @@ def others(sizes: Sizes) -> dict[str, dict[str, float]]:
         "error": abs(scipy_swim(tolerance) / exact - 1.0),
         "relative_tolerance": tolerance,
     }
-    fins = [Fin(young_modulus=modulus) for modulus in (MODULI[0], Fin().young_modulus, MODULI[-1])]
+    fins = [replace(PAPER.fin, young_modulus=e) for e in (MODULI[0], PAPER.fin.young_modulus, MODULI[-1])]
     speeds = {
-        step: np.array([mujoco_fish.swim(fin, PAPER_FISH, PAPER_GAIT, DURATION, step) for fin in fins])
+        step: np.array([mujoco_fish.swim(fin, PAPER.fish, PAPER_GAIT, DURATION, step) for fin in fins])
         for step in sizes.mujoco_steps
     }
     finest = speeds[min(speeds)]
     errors = {step: float(np.abs(speed / finest - 1.0).max()) for step, speed in speeds.items()}
     good = [step for step in errors if errors[step] <= MUJOCO_ERROR and step > min(speeds)]
     step = max(good, default=min(speeds))
-    taken = core_time(lambda: mujoco_fish.swim(Fin(), PAPER_FISH, PAPER_GAIT, DURATION, step), sizes.repeats)
+    taken = core_time(lambda: mujoco_fish.swim(PAPER.fin, PAPER.fish, PAPER_GAIT, DURATION, step), sizes.repeats)
     row = {"core_ms": taken * 1e3, "error": errors[step], "step_ms": step * 1e3, "speed_cm_s": float(finest[1]) * 100.0}
     rows["MuJoCo rollout"] = row
     return rows

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fin_bringup.benchmarks.measuring import DURATION, MANY, MODULI, batch, core_time, wall_time
-from fin_plant.fin import Fin
+from fin_bringup.benchmarks.measuring import DURATION, MANY, MODULI, PAPER, batch, core_time, wall_time
 from fin_sim.batch import LONGEST_LANE_CHAIN, swim_batch
 from fin_sim.swim import swim
 
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 def converged(reactive: str) -> NDArray[np.float64]:
     """Return the mean speeds in m/s of the paper fin at ``MODULI`` by the general kernel at 1 ms: converged to 1e-8."""
-    fins = [Fin(young_modulus=modulus) for modulus in MODULI]
-    return np.array([swim(fin, duration=DURATION, reactive=reactive).mean_speed for fin in fins])  # type: ignore[arg-type]
+    fins = [replace(PAPER.fin, young_modulus=modulus) for modulus in MODULI]
+    return np.array([swim(fin, PAPER.fish, duration=DURATION, reactive=reactive).mean_speed for fin in fins])  # type: ignore[arg-type]
 
 
 def methods(sizes: Sizes) -> list[dict[str, Any]]:
@@ -33,7 +33,8 @@ def methods(sizes: Sizes) -> list[dict[str, Any]]:
             for step in (0.01, 0.02):
                 options = {"reactive": reactive, "precision": precision, "step": step}
                 taken = core_time(batch(MANY, **options), sizes.repeats)
-                speeds = swim_batch({"young_modulus": MODULI}, threads=1, **options).mean_speed  # type: ignore[arg-type]
+                columns = {**vars(PAPER.fin), "young_modulus": MODULI}
+                speeds = swim_batch(columns, PAPER.fish, threads=1, **options).mean_speed  # type: ignore[arg-type]
                 error = float(np.abs(speeds / exact - 1.0).max())
                 rows.append({**options, "core_ms": taken / MANY * 1e3, "error": error})
     return rows

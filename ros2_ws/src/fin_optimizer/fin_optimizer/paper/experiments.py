@@ -2,15 +2,15 @@
 
 Raja Mohamed & Raviraj repeat Clark et al. (ALIFE 13, 2012): speed over the stiffness of the fin in a mathematical model
 and in simulation, a hill climber and a genetic algorithm on the stiffness, and a genetic algorithm on stiffness and
-shape. All swims are of the paper fin's kind (2.5 x 8 cm x 0.208 mm in three segments, hinges between them) on the
-paper's fish with the convective force at the tip, as the papers have it.
+shape. All swims are of the preset ``three_segments``: the paper fin's kind (2.5 x 8 cm x 0.208 mm, hinges between the
+segments) on the paper's fish with the convective force at the tip, as the papers have it.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,11 +19,11 @@ from fin_optimizer.search.genetic import Generation, GeneticAlgorithm
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Evaluation, Space
 from fin_plant import checks
-from fin_plant.fin import Fin, scaled_to_area
+from fin_plant.fin import scaled_to_area
 from fin_plant.gait import PAPER_GAIT
 from fin_sim.batch import swim_batch
 from fin_sim.paper_models import speeds_from_thrust
-from fin_sim.swim import PAPER_FISH
+from fin_sim.presets import preset
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
     from fin_optimizer.search.genetic import PopulationSearch
 
+PAPER = preset("three_segments")
+"""Fin and fish of all experiments."""
 MODULUS, LENGTH = "fin.young_modulus", "fin.length"
 DURATION = 10.0
 """Length of a swim in s (both papers)."""
@@ -123,16 +125,22 @@ Table = dict[str, "NDArray[np.float64]"]
 
 def shaped(values: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
     """Return the columns of fins of the paper fin's area with these stiffnesses and lengths."""
-    paper = Fin()
+    paper = PAPER.fin
     length = np.asarray(values.get(LENGTH, np.full(values[MODULUS].shape, paper.length)))
     fins = scaled_to_area({**paper.as_parameters(), LENGTH: length}, paper.area)
     heights = {name: fins[f"fin.{name}"] for name in ("height", "tip_height")}
     return {"young_modulus": values[MODULUS], "length": length, **heights}
 
 
+def _columns(values: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
+    """Return the columns of fins with these stiffnesses and lengths, all else the paper fin's."""
+    return {**vars(PAPER.fin), **shaped(values)}
+
+
 def speeds(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     """Return the mean speed over a swim from rest in m/s, shape (n,); NaN where there is none."""
-    return swim_batch(shaped(values), duration=DURATION, reactive="tip", threads=1).mean_speed
+    swum = swim_batch(_columns(values), PAPER.fish, duration=DURATION, reactive=PAPER.reactive, threads=1)
+    return swum.mean_speed
 
 
 def model_speeds(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -142,14 +150,15 @@ def model_speeds(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float6
     """
     beat = 1.0 / PAPER_GAIT.joints[0].frequency
     held = swim_batch(
-        {**shaped(values), "density": np.zeros(1)},
+        {**_columns(values), "density": np.zeros(1)},
+        PAPER.fish,
         duration=MODEL_BEATS * beat,
         settle=MODEL_SETTLE_BEATS * beat,
-        reactive="tip",
+        reactive=PAPER.reactive,
         clamp="fixed",
         threads=1,
     )
-    return speeds_from_thrust(held.thrust, PAPER_FISH.body.drag_area, PAPER_FISH.water.density)
+    return speeds_from_thrust(held.thrust, PAPER.fish.body.drag_area, PAPER.fish.water.density)
 
 
 def _table(values: Sequence[Mapping[str, NDArray[np.float64]]], scores: Sequence[NDArray[np.float64]]) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import fin_sim
+from fin_optimizer.paper.experiments import PAPER
 from fin_plant.figures import empty_figure, own_style, try_to_draw
-from fin_plant.fin import Fin
 from fin_sim.validation import measured_fins
 
 if TYPE_CHECKING:
@@ -194,7 +194,7 @@ def _beside(ours: float, theirs: float) -> str:
 
 
 def _hinge(modulus: float, length: float) -> float:
-    fin = Fin(young_modulus=modulus).at_length(length)
+    fin = replace(PAPER.fin, young_modulus=modulus).at_length(length)
     return fin.hinge_stiffness(length / fin.segments)
 
 
@@ -313,7 +313,7 @@ def _ridge_row(landscape: Table) -> Row:
 
 
 def _hinge_row() -> Row:
-    thickness = Fin().thickness
+    thickness = PAPER.fin.thickness
     hinges = [_hinge(*optimum) for optimum in _OPTIMA]
     remark = (
         f"`Fin.hinge_stiffness` of the papers' two optima {thickness * 1e3:.3g} mm thick, with which all of this was "

@@ -13,7 +13,6 @@ from fin_plant.figures import new_figure, own_style
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
 from fin_sim.chain import build_chain
-from fin_sim.fish import Body, Fish
 from fin_sim.paper_models import mean_thrust_held, simulation, speed_from_thrust
 from fin_sim.picture import BODY_COLOUR, FIN_COLOUR
 from fin_sim.presets import Preset, preset
@@ -25,6 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from numpy.typing import NDArray
+
+    from fin_sim.fish import Fish
 
 FIGURE = "validation_paper_curves.png"
 _GRID = np.geomspace(0.1e9, 6e9, 49)
@@ -95,9 +96,7 @@ class Reading:
 
 def readings() -> list[Reading]:
     """Return the readings, from this project's first to the papers' presets; each adds to the one before it."""
-    fin = Fin(thickness=2.08e-4, segments=3, hinges="between", damping_time=0.01, young_modulus=0.9e9)
-    ellipsoid = Body.ellipsoid(0.14, 0.045, 0.06, drag_area=3.65e-3, lift_area=0.05, yaw_drag=4e-4)
-    first = Preset(fin, Fish(ellipsoid), "tip")
+    first = preset("three_segments")
     model, simulated = preset("clark2012_model"), preset("clark2012_simulation")
     damper = model.fin.hinge_damping
 
