@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_plant.paths import given_path
-from fin_sim.validation import convergence, equations, measured, measured_fins, paper, reference
+from fin_sim.validation import convergence, equations, later_fins, measured, measured_fins, paper, reference
 from fin_sim.validation.page import render
 
 if TYPE_CHECKING:
@@ -39,6 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("convergence", lambda: convergence.section(figures)),
         ("the papers' curves", lambda: paper.section(options.data, figures)),
         ("measured fins", lambda: measured_fins.section(figures)),
+        ("later fins", lambda: later_fins.section(options.data)),
         ("measured swims", lambda: measured.section(options.data, figures)),
     )
     sections = []

@@ -22,7 +22,7 @@ from fin_sim.batch import swim_batch
 from fin_sim.materials import materials
 from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, PATH_COLOUR, TAIL_COLOUR
 from fin_sim.presets import Preset, preset
-from fin_sim.validation.page import Check, Section
+from fin_sim.validation.page import Check, Section, table_head
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -342,11 +342,6 @@ _FIN_COLUMNS = (
 )
 
 
-def _table(columns: Sequence[str]) -> str:
-    """Return the head of a table."""
-    return f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}"
-
-
 def _text(fins: Sequence[PrintedFin], known: list[int], found: Sequence[Swum]) -> str:
     plain, plates = found[:2]
     tried = moduli(fins)
@@ -376,7 +371,7 @@ rest: over the first ten seconds the stiff fin has a third of it.
 which the speed of DM9895 comes out (`fin_sim/materials.yaml`); so that speed is no test, the order over other loss
 times below is. **Not fitted**: all else; body and C_N are assumed as the preset says.
 
-{_table(_FIN_COLUMNS)}
+{table_head(_FIN_COLUMNS)}
 {chr(10).join(rows)}
 
 K = E d h^3 / (12 l) is that of the sheet cut into the papers' three segments, l a third of its length, however many it
@@ -391,7 +386,7 @@ between DM9895 and {ANCHOR}, in which the simulated speed only falls, so their o
 of stiffness alone. The last column is the share of all combinations of moduli within the four stated ranges that are in
 the measured order.
 
-{_table(["reading", "S C_D, 1e-3 m^2", *named, "four fins: rho, tau", "six fins: rho, tau", "in order"])}
+{table_head(["reading", "S C_D, 1e-3 m^2", *named, "four fins: rho, tau", "six fins: rho, tau", "in order"])}
 {chr(10).join(_reading_row(each, fins, known) for each in found)}
 
 The preset as it stands does **not** give the order at the nominal moduli: DM9870 comes out faster than {ANCHOR}, unless

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import textwrap
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _WIDTH = 120
 
@@ -17,6 +21,12 @@ def _filled(text: str) -> str:
         else textwrap.fill(" ".join(block.split()), _WIDTH, break_long_words=False, break_on_hyphens=False)
         for block in blocks
     )
+
+
+def table_head(columns: Iterable[str]) -> str:
+    """Return the head of a table with these columns, in Markdown."""
+    names = list(columns)
+    return f"| {' | '.join(names)} |\n|{'---|' * len(names)}"
 
 
 @dataclass(frozen=True)
