@@ -16,9 +16,19 @@ import numpy as np
 import pytest
 
 from fin_optimizer.paper import campaign
-from fin_optimizer.paper.experiments import EXPERIMENTS, MODULUS, Campaign, Run, groups, perform, planned_runs, speeds
+from fin_optimizer.paper.experiments import (
+    EXPERIMENTS,
+    MODULUS,
+    SIMULATION,
+    Campaign,
+    Run,
+    groups,
+    perform,
+    planned_runs,
+    speeds,
+)
 from fin_optimizer.search.hill_climber import HillClimber
-from fin_plant.fin import Fin
+from fin_sim.presets import preset
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -74,7 +84,7 @@ def test_results_do_not_depend_on_executor_or_grouping(tmp_path: Path, expected:
         folder.mkdir()
         results = carried_out(folder, ThreadPoolExecutor(workers))
         assert all(same(results[run], expected[run]) for run in expected)
-    assert [len(group) for group in groups(planned_runs(SMALL))] == [1, 1, 3, 1, 1, 1, 1, 1, 1, 1]
+    assert [len(group) for group in groups(planned_runs(SMALL))] == [1, 1, 1, 3, 1, 1, 1, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
@@ -182,14 +192,15 @@ def test_climbers_in_step_are_the_hill_climber_of_a_study(expected: dict[Run, Ta
 
 def test_the_shape_keeps_the_area_and_the_length_its_range(expected: dict[Run, Table]) -> None:
     table = expected[Run("shape", 0, SMALL)]
-    assert table["length"] * table["height"] == pytest.approx(Fin().area)
+    fin = preset(SIMULATION).fin
+    assert table["length"] * table["height"] == pytest.approx(fin.area)
     assert table["length"].min() >= 0.04
     assert table["length"].max() <= 0.14
-    assert set(expected[Run("genetic", 0, SMALL)]["length"]) == {Fin().length}
+    assert set(expected[Run("genetic", 0, SMALL)]["length"]) == {fin.length}
 
 
 def test_a_fin_that_is_refused_has_no_speed_and_spoils_no_other() -> None:
-    swum = speeds({MODULUS: np.array([1.2e9, np.nan, 1e30, 1.2e9])})
+    swum = speeds({MODULUS: np.array([1.2e9, np.nan, 1e30, 1.2e9])}, preset(SIMULATION))
     assert np.isnan(swum).tolist() == [False, True, True, False]
     assert swum[0] == swum[3]
 
@@ -247,21 +258,16 @@ def test_a_folder_with_other_settings_is_refused(tmp_path: Path, capsys: pytest.
     assert json.loads(before)["population"] == 12
 
 
-def test_a_folder_keeps_the_names_by_which_older_campaigns_are_resumed(tmp_path: Path) -> None:
-    kept = {
-        "seed": 2012,
-        "hill_climber_runs": 3,
-        "hill_climber_candidates": 4,
-        "genetic_runs": 2,
-        "population": 12,
-        "generations": 3,
-        "crossover": False,
-        "modulus": [0.5e9, 4e9],
-        "landscape": 9,
-    }
-    (tmp_path / "study.json").write_text(json.dumps(kept))
+def test_a_folder_whose_runs_swam_another_fish_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command(tmp_path, "model", "--workers", "1") == 0
-    assert json.loads((tmp_path / "study.json").read_text()) == kept
+    settings = json.loads((tmp_path / "study.json").read_text())
+    (tmp_path / "study.json").write_text(json.dumps({name: settings[name] for name in settings if name != "fish"}))
+    assert command(tmp_path, "model") == 2
+    assert "other settings (fish)" in capsys.readouterr().err
+    settings["fish"]["clark2012_model"]["fish"]["body"]["drag_area"] *= 1.01
+    (tmp_path / "study.json").write_text(json.dumps(settings))
+    assert command(tmp_path, "simulation") == 2
+    assert not (tmp_path / "runs" / "simulation-000.npz").exists()
 
 
 def test_a_dask_cluster_gives_the_same_results(tmp_path: Path, expected: dict[Run, Table]) -> None:

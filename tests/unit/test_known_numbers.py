@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from fin_optimizer.bags.messages import decode
-from fin_optimizer.paper.experiments import LENGTH, MODULUS, model_speeds
+from fin_optimizer.paper.experiments import LENGTH, MODEL, MODULUS, SIMULATION, model_speeds, speeds
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.mean_speed import Measurement
@@ -20,7 +21,8 @@ from fin_optimizer.study.simulated_curve import simulated_speed
 from fin_optimizer.trial.recorder import Extent
 from fin_plant.fin import Fin, node_table
 from fin_plant.gait import PAPER_GAIT
-from fin_sim.paper_models import mathematical_model
+from fin_sim.paper_models import mathematical_model, simulation
+from fin_sim.presets import preset
 from fin_sim.swim import swim
 from support.bags import SECOND, START, STATE, STEP, joint_states, state
 
@@ -90,8 +92,13 @@ def test_streams_are_recorded_until_half_a_second_after_the_window() -> None:
 
 
 @pytest.mark.parametrize("length", [0.06, 0.08])
-def test_the_model_of_the_campaign_is_that_of_the_simulator(length: float) -> None:
+def test_model_and_simulation_of_the_campaign_are_those_of_the_simulator(length: float) -> None:
     moduli = np.array([0.8e9, 1.6e9, 3.2e9])
-    batch = model_speeds({MODULUS: moduli, LENGTH: np.full(3, length)})
-    fins = [Fin(young_modulus=modulus).at_length(length) for modulus in moduli]
-    assert batch == pytest.approx([mathematical_model(fin) for fin in fins], rel=2e-3)
+    values = {MODULUS: moduli, LENGTH: np.full(3, length)}
+    model, simulated = preset(MODEL), preset(SIMULATION)
+    fins = [replace(model.fin, young_modulus=modulus).at_length(length) for modulus in moduli]
+    alone = [mathematical_model(fin, model.fish) for fin in fins]
+    assert model_speeds(values, model) == pytest.approx(alone, rel=2e-3)
+    fins = [replace(simulated.fin, young_modulus=modulus).at_length(length) for modulus in moduli]
+    alone = [simulation(fin, simulated.fish).mean_speed for fin in fins]
+    assert speeds(values, simulated) == pytest.approx(alone, rel=2e-3)

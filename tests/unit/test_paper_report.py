@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_optimizer.paper.experiments import Campaign, Run
+from fin_optimizer.paper.experiments import SIMULATION, Campaign, Run
 from fin_optimizer.paper.figures import Row, rows
-from fin_plant.fin import Fin
+from fin_sim.presets import preset
 
 if TYPE_CHECKING:
     from fin_optimizer.paper.experiments import Table
 
 CAMPAIGN = Campaign()
-AREA = Fin().area
+AREA = preset(SIMULATION).fin.area
 
 
 def table(*swims: tuple[float, float], length: float = 0.08) -> Table:

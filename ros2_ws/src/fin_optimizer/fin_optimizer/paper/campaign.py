@@ -30,10 +30,21 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from fin_optimizer.paper import figures
-from fin_optimizer.paper.experiments import EXPERIMENTS, Campaign, Run, groups, perform, planned_runs
+from fin_optimizer.paper.experiments import (
+    EXPERIMENTS,
+    MODEL,
+    SIMULATION,
+    STATED,
+    Campaign,
+    Run,
+    groups,
+    perform,
+    planned_runs,
+)
 from fin_plant import checks, json_file
 from fin_plant.paths import given_path
 from fin_plant.start import interrupt_held_back
+from fin_sim.presets import preset
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -61,7 +72,8 @@ def _write(path: Path, write: Callable[[Path], object]) -> None:
 def _open_folder(folder: Path, campaign: Campaign) -> None:
     """Make the folder, or see that it holds the same campaign."""
     settings = folder / "study.json"
-    wanted = json.loads(json.dumps(asdict(campaign)))
+    fish = {name: asdict(preset(name)) for name in (MODEL, SIMULATION, STATED)}
+    wanted = json.loads(json.dumps({**asdict(campaign), "fish": fish}))
     try:
         (folder / "runs").mkdir(parents=True, exist_ok=True)
         if not settings.exists():
@@ -78,8 +90,8 @@ def _open_folder(folder: Path, campaign: Campaign) -> None:
     if found != wanted:
         changed = [name for name in wanted if found.get(name) != wanted[name]] if isinstance(found, dict) else ["all"]
         msg = (
-            f"{folder} holds a campaign with other settings ({', '.join(changed)}): "
-            "give the same ones to resume it, or choose another folder with --output"
+            f"{folder} holds a campaign with other settings ({', '.join(changed)}): give the same ones to resume it "
+            "(the fish are the presets of this version), or choose another folder with --output"
         )
         raise ValueError(msg)
 

@@ -2,13 +2,14 @@
 
 Raja Mohamed & Raviraj repeat Clark et al. (ALIFE 13, 2012): speed over the stiffness of the fin in a mathematical model
 and in simulation, a hill climber and a genetic algorithm on the stiffness, and a genetic algorithm on stiffness and
-shape. All swims are of the preset ``three_segments``: the paper fin's kind (2.5 x 8 cm x 0.208 mm, hinges between the
-segments) on the paper's fish with the convective force at the tip, as the papers have it.
+shape. Each experiment names the preset (`fin_sim.presets`) whose fin and fish swim: those of 2012, which give the
+published curves. The later paper's fin of three segments of 4 cm swims once, to show that it cannot have been meant.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -23,17 +24,17 @@ from fin_plant.fin import scaled_to_area
 from fin_plant.gait import PAPER_GAIT
 from fin_sim.batch import swim_batch
 from fin_sim.paper_models import speeds_from_thrust
-from fin_sim.presets import preset
+from fin_sim.presets import Preset, preset
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from fin_optimizer.search.genetic import PopulationSearch
 
-PAPER = preset("three_segments")
-"""Fin and fish of all experiments."""
+MODEL, SIMULATION, STATED = "clark2012_model", "clark2012_simulation", "raja_mohamed"
+"""Presets: what gives the curves of figures 4 and 5, and the fin that the later paper states."""
 MODULUS, LENGTH = "fin.young_modulus", "fin.length"
 DURATION = 10.0
 """Length of a swim in s (both papers)."""
@@ -112,6 +113,11 @@ class Run:
         return f"{self.experiment}-{self.number:03d}"
 
     @property
+    def preset(self) -> Preset:
+        """Fin and fish that swim."""
+        return preset(EXPERIMENTS[self.experiment].preset)
+
+    @property
     def seed(self) -> int:
         """Seed of the run's search, independent of those of all other runs."""
         key = (sorted(EXPERIMENTS).index(self.experiment), self.number)
@@ -119,50 +125,53 @@ class Run:
         return int(state[0])
 
 
+Values = Mapping[str, "NDArray[np.float64]"]
+"""Columns of what varies, by parameter: E in Pa and, where it varies, the length in m."""
 Table = dict[str, "NDArray[np.float64]"]
 """Columns of candidates: generation, candidate, young_modulus in Pa, length and height in m, speed in m/s."""
 
 
-def shaped(values: Mapping[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of fins of the paper fin's area with these stiffnesses and lengths."""
-    paper = PAPER.fin
-    length = np.asarray(values.get(LENGTH, np.full(values[MODULUS].shape, paper.length)))
-    fins = scaled_to_area({**paper.as_parameters(), LENGTH: length}, paper.area)
+def shaped(values: Values, given: Preset) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of fins of the preset's area with these stiffnesses and lengths."""
+    fin = given.fin
+    length = np.asarray(values.get(LENGTH, np.full(values[MODULUS].shape, fin.length)))
+    fins = scaled_to_area({**fin.as_parameters(), LENGTH: length}, fin.area)
     heights = {name: fins[f"fin.{name}"] for name in ("height", "tip_height")}
     return {"young_modulus": values[MODULUS], "length": length, **heights}
 
 
-def _columns(values: Mapping[str, NDArray[np.float64]]) -> dict[str, Any]:
-    """Return the columns of fins with these stiffnesses and lengths, all else the paper fin's."""
-    return {**vars(PAPER.fin), **shaped(values)}
+def _columns(values: Values, given: Preset) -> dict[str, Any]:
+    """Return the columns of a batch: all that the values do not say is the preset's fin's."""
+    return {**vars(given.fin), **shaped(values, given)}
 
 
-def speeds(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+def speeds(values: Values, given: Preset) -> NDArray[np.float64]:
     """Return the mean speed over a swim from rest in m/s, shape (n,); NaN where there is none."""
-    swum = swim_batch(_columns(values), PAPER.fish, duration=DURATION, reactive=PAPER.reactive, threads=1)
-    return swum.mean_speed
+    fins = _columns(values, given)
+    return swim_batch(fins, given.fish, PAPER_GAIT, DURATION, reactive=given.reactive, threads=1).mean_speed
 
 
-def model_speeds(values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+def model_speeds(values: Values, given: Preset) -> NDArray[np.float64]:
     """Return the speed of the papers' mathematical model in m/s, U = sqrt(2 T / (rho S C_D)).
 
     The body is held, the fin has no mass, and the thrust T is its mean over whole beats.
     """
     beat = 1.0 / PAPER_GAIT.joints[0].frequency
     held = swim_batch(
-        {**_columns(values), "density": np.zeros(1)},
-        PAPER.fish,
-        duration=MODEL_BEATS * beat,
+        {**_columns(values, given), "density": np.zeros(1)},
+        given.fish,
+        PAPER_GAIT,
+        MODEL_BEATS * beat,
         settle=MODEL_SETTLE_BEATS * beat,
-        reactive=PAPER.reactive,
+        reactive=given.reactive,
         clamp="fixed",
         threads=1,
     )
-    return speeds_from_thrust(held.thrust, PAPER.fish.body.drag_area, PAPER.fish.water.density)
+    return speeds_from_thrust(held.thrust, given.fish.body.drag_area, given.fish.water.density)
 
 
-def _table(values: Sequence[Mapping[str, NDArray[np.float64]]], scores: Sequence[NDArray[np.float64]]) -> Table:
-    fins = [shaped(part) for part in values]
+def _table(run: Run, values: Sequence[Values], scores: Sequence[NDArray[np.float64]]) -> Table:
+    fins = [shaped(part, run.preset) for part in values]
     columns = {
         "generation": [np.full(len(part), index, dtype=float) for index, part in enumerate(scores)],
         "candidate": [np.arange(len(part), dtype=float) for part in scores],
@@ -172,10 +181,10 @@ def _table(values: Sequence[Mapping[str, NDArray[np.float64]]], scores: Sequence
     return {name: np.concatenate(columns[name]) for name in _COLUMNS}
 
 
-def _over_stiffness(run: Run, speed: Callable[[Mapping[str, NDArray[np.float64]]], NDArray[np.float64]]) -> Table:
+def _over_stiffness(run: Run, speed: Callable[[Values, Preset], NDArray[np.float64]]) -> Table:
     low, high = 0.2e9, 5e9  # the figures' axis
     values = {MODULUS: np.linspace(low, high, run.campaign.landscape)}
-    return _table([values], [speed(values)])
+    return _table(run, [values], [speed(values, run.preset)])
 
 
 def _model(run: Run) -> Table:
@@ -190,7 +199,7 @@ def _landscape(run: Run) -> Table:
     count = run.campaign.landscape
     modulus, length = np.meshgrid(np.linspace(*SHAPE_MODULUS, count), np.linspace(*SHAPE_LENGTH, count))
     values = {MODULUS: modulus.ravel(), LENGTH: length.ravel()}
-    return _table([values], [speeds(values)])
+    return _table(run, [values], [speeds(values, run.preset)])
 
 
 def _hill_climbers(runs: Sequence[Run]) -> list[Table]:
@@ -200,48 +209,46 @@ def _hill_climbers(runs: Sequence[Run]) -> list[Table]:
     histories: list[list[Evaluation]] = [[] for _ in runs]
     for _ in range(runs[0].campaign.hill_climber_candidates):
         tried = [search.propose(history) for search, history in zip(searches, histories, strict=True)]
-        swum = speeds({MODULUS: np.array([values[MODULUS] for values in tried])})
+        swum = speeds({MODULUS: np.array([values[MODULUS] for values in tried])}, runs[0].preset)
         for history, values, speed in zip(histories, tried, swum.tolist(), strict=True):
             history.append(Evaluation(values, None if math.isnan(speed) else speed))
     tables = []
-    for history in histories:
+    for run, history in zip(runs, histories, strict=True):
         scores = [np.array([math.nan if one.score is None else one.score]) for one in history]
-        tables.append(_table([{MODULUS: np.array([one.values[MODULUS]])} for one in history], scores))
+        tables.append(_table(run, [{MODULUS: np.array([one.values[MODULUS]])} for one in history], scores))
     return tables
 
 
-def evolve(search: PopulationSearch, generations: int) -> list[Generation]:
+def evolve(search: PopulationSearch, generations: int, given: Preset) -> list[Generation]:
     """Return the generations of a search on the speed."""
     history: list[Generation] = []
     for _ in range(generations):
         values = search.propose(history)
-        history.append(Generation(values, speeds(dict(zip(search.space.names, values.T, strict=True)))))
+        history.append(Generation(values, speeds(dict(zip(search.space.names, values.T, strict=True)), given)))
     return history
 
 
-def _evolved(search: PopulationSearch, generations: int) -> Table:
-    history = evolve(search, generations)
+def _evolved(run: Run, search: PopulationSearch) -> Table:
+    history = evolve(search, run.campaign.generations, run.preset)
     values = [dict(zip(search.space.names, generation.values.T, strict=True)) for generation in history]
-    return _table(values, [generation.scores for generation in history])
+    return _table(run, values, [generation.scores for generation in history])
 
 
 def _genetic(run: Run) -> Table:
     campaign = run.campaign
     mutation = {MODULUS: STEP_DEVIATION * 1e9}
-    return _evolved(
-        GeneticAlgorithm(campaign.stiffness(), run.seed, mutation, campaign.population), campaign.generations
-    )
+    return _evolved(run, GeneticAlgorithm(campaign.stiffness(), run.seed, mutation, campaign.population))
 
 
 def _shape(run: Run) -> Table:
     campaign = run.campaign
     mutation = {MODULUS: STEP_DEVIATION * 1e9, LENGTH: STEP_DEVIATION * 1e-2}
     search = GeneticAlgorithm(campaign.shape(), run.seed, mutation, campaign.population, crossover=campaign.crossover)
-    return _evolved(search, campaign.generations)
+    return _evolved(run, search)
 
 
 def _cma(run: Run) -> Table:
-    return _evolved(CmaEs(run.campaign.shape(), run.seed), run.campaign.generations)
+    return _evolved(run, CmaEs(run.campaign.shape(), run.seed))
 
 
 @dataclass(frozen=True)
@@ -254,6 +261,7 @@ class Experiment:
         swims: Number of swims of a run in a campaign; about, for CMA-ES.
         perform: Carries out a group of its runs.
         together: Runs that are carried out as a group.
+        preset: Whose fin and fish swim.
     """
 
     title: str
@@ -261,6 +269,7 @@ class Experiment:
     swims: Callable[[Campaign], int]
     perform: Callable[[Sequence[Run]], list[Table]]
     together: int = 1
+    preset: str = SIMULATION
 
 
 def _each(perform: Callable[[Run], Table]) -> Callable[[Sequence[Run]], list[Table]]:
@@ -273,10 +282,21 @@ def _once(_: Campaign) -> int:
 
 EXPERIMENTS = {
     "model": Experiment(
-        "speed of the mathematical model over E", _once, lambda campaign: campaign.landscape, _each(_model)
+        "speed of the mathematical model over E",
+        _once,
+        lambda campaign: campaign.landscape,
+        _each(_model),
+        preset=MODEL,
     ),
     "simulation": Experiment(
         "speed of the simulation over E", _once, lambda campaign: campaign.landscape, _each(_simulation)
+    ),
+    "stated_fin": Experiment(
+        "the simulation with the fin that the later paper states",
+        _once,
+        lambda campaign: campaign.landscape,
+        _each(_simulation),
+        preset=STATED,
     ),
     "hill_climber": Experiment(
         "hill climber on E",

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import fin_sim
-from fin_optimizer.paper.experiments import PAPER
+from fin_optimizer.paper.experiments import SIMULATION
 from fin_plant.figures import empty_figure, own_style, try_to_draw
+from fin_sim.presets import preset
 from fin_sim.validation import measured_fins
 
 if TYPE_CHECKING:
@@ -194,7 +195,7 @@ def _beside(ours: float, theirs: float) -> str:
 
 
 def _hinge(modulus: float, length: float) -> float:
-    fin = replace(PAPER.fin, young_modulus=modulus).at_length(length)
+    fin = replace(preset(SIMULATION).fin, young_modulus=modulus).at_length(length)
     return fin.hinge_stiffness(length / fin.segments)
 
 
@@ -313,7 +314,7 @@ def _ridge_row(landscape: Table) -> Row:
 
 
 def _hinge_row() -> Row:
-    thickness = PAPER.fin.thickness
+    thickness = preset(SIMULATION).fin.thickness
     hinges = [_hinge(*optimum) for optimum in _OPTIMA]
     remark = (
         f"`Fin.hinge_stiffness` of the papers' two optima {thickness * 1e3:.3g} mm thick, with which all of this was "
