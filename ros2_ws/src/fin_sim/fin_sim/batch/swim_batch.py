@@ -6,6 +6,7 @@ import contextlib
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,12 +44,19 @@ _BLOCK = 2048
 """Fins set up at a time by one thread: what bounds the memory, some 2 MB a thread."""
 
 
+_STEP_PARTS = (1, 2, 4)
+"""Parts of the task's step with which lanes begin, where hinges have too little damping for the whole of it."""
+
+
 @dataclass(frozen=True)
 class _Piece:
-    """Fins, by their indices, that one thread swims at a time; in lanes they have equal segments and hinges."""
+    """Fins, by their indices, that one thread swims at a time; in lanes they have equal segments and hinges.
+
+    ``parts`` is into how many parts the task's step is divided in lanes; 0 stands for the general kernel.
+    """
 
     indices: NDArray[np.intp]
-    lanes: bool
+    parts: int
     proven: bool = False
 
 
@@ -57,7 +65,8 @@ def _pieces(task: Task, columns: Mapping[str, NDArray[np.generic]], chosen: NDAr
 
     How a fin swims depends on itself and on what all share, never on the other fins of the batch.
     """
-    damped = least_damping_times(columns) >= LEAST_DAMPING * task.step
+    longest = least_damping_times(columns) / LEAST_DAMPING
+    least_parts = np.select([longest >= task.step / parts for parts in _STEP_PARTS], _STEP_PARTS)
     straight = columns["height"] == columns["tip_height"]
     profiled = np.zeros(len(chosen), dtype=bool)
     for name in PROFILE:
@@ -68,15 +77,14 @@ def _pieces(task: Task, columns: Mapping[str, NDArray[np.generic]], chosen: NDAr
         for segments in np.unique(columns["segments"][chosen]).astype(int):
             same = chosen & (columns["hinges"] == hinges) & (columns["segments"] == segments)
             passive = segments - 1 if hinges == "between" else segments
-            lanes = same & (damped | (passive == 0)) & ~profiled
+            parts = np.where(profiled, 0, least_parts if passive else 1)
             if passive + task.fish.driven_joints > LONGEST_LANE_CHAIN or task.fish.motor:
-                lanes = np.zeros_like(same)
-            for known in (True, False):
-                for kind in (lanes & (proven == known) & straight, lanes & (proven == known) & ~straight):
-                    indices = np.flatnonzero(kind)
-                    starts = range(0, len(indices), _BLOCK)
-                    yield from (_Piece(indices[start : start + _BLOCK], lanes=True, proven=known) for start in starts)
-            yield from (_Piece(index[None], lanes=False) for index in np.flatnonzero(same & ~lanes))
+                parts = np.zeros_like(parts)
+            for first, known, plain in product((*_STEP_PARTS, 0), (True, False), (True, False)):
+                indices = np.flatnonzero(same & (parts == first) & (proven == known) & (straight == plain))
+                size = _BLOCK if first else 1
+                starts = range(0, len(indices), size)
+                yield from (_Piece(indices[start : start + size], first, known) for start in starts)
 
 
 def swim_batch(
@@ -125,8 +133,8 @@ def swim_batch(
 
     def swim(piece: _Piece) -> None:
         fins = {name: column[piece.indices] for name, column in columns.items()}
-        if piece.lanes:
-            figures[piece.indices], right = swim_in_lanes(task, fins, piece.proven)
+        if piece.parts:
+            figures[piece.indices], right = swim_in_lanes(task.refined(piece.parts), fins, piece.proven)
             status[piece.indices] = np.where(right, Status.OK, Status.NOT_CONVERGED)
             return
         try:
@@ -145,8 +153,8 @@ def swim_batch(
 
 def _unsettled(pieces: Sequence[_Piece], status: NDArray[np.int8]) -> list[_Piece]:
     """Return what lanes at their shortest step did not settle, each fin for the general kernel."""
-    lanes = np.concatenate([piece.indices for piece in pieces if piece.lanes] or [np.zeros(0, dtype=np.intp)])
-    return [_Piece(lanes[at : at + 1], lanes=False) for at in np.flatnonzero(status[lanes] != Status.OK)]
+    lanes = np.concatenate([piece.indices for piece in pieces if piece.parts] or [np.zeros(0, dtype=np.intp)])
+    return [_Piece(lanes[at : at + 1], parts=0) for at in np.flatnonzero(status[lanes] != Status.OK)]
 
 
 def _result(
@@ -162,7 +170,7 @@ def _result(
 
 def _run(swim: Callable[[_Piece], None], pieces: Sequence[_Piece], workers: int) -> None:
     with contextlib.ExitStack() as held:
-        if not all(piece.lanes for piece in pieces):
+        if not all(piece.parts for piece in pieces):
             # Threads of the general kernel's matrix exponential take the cores from each other: four times as long.
             held.enter_context(threadpool_limits(1, user_api="blas"))
         if workers == 1 or len(pieces) <= 1:
