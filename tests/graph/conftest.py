@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -56,20 +57,20 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         yield domain
 
 
-@pytest.fixture
-def start(ros_domain: int, tmp_path: Path) -> Iterator[Start]:
-    """Start executables by package and name; at the end of the test they are stopped, and must stop."""
+@contextlib.contextmanager
+def _starting(domain: int, path: Path) -> Iterator[Start]:
+    """Yield what starts executables in this domain, their files in this folder; they are stopped, and must stop."""
     started: list[StartedProcess] = []
-    logs = tmp_path / "logs"
+    logs = path / "logs"
     logs.mkdir()
     # Nodes log into the test's folder, not into the user's.
-    base = workspace_environment() | {"ROS_DOMAIN_ID": str(ros_domain), "ROS_LOG_DIR": str(logs / "ros")}
+    base = workspace_environment() | {"ROS_DOMAIN_ID": str(domain), "ROS_LOG_DIR": str(logs / "ros")}
 
     def start_one(
         package: str, executable: str, *arguments: str, environment: Mapping[str, str] | None = None
     ) -> StartedProcess:
         log = logs / f"{len(started) + 1}_{package}_{executable}.log"
-        folder = tmp_path / "work"
+        folder = path / "work"
         folder.mkdir(exist_ok=True)
         process = start_executable(
             package, executable, *arguments, log=log, environment=base | dict(environment or {}), folder=folder
@@ -84,6 +85,27 @@ def start(ros_domain: int, tmp_path: Path) -> Iterator[Start]:
         print(process.tail())  # noqa: T201
     if complaints:
         pytest.fail("\n".join(complaints))
+
+
+@pytest.fixture
+def start(ros_domain: int, tmp_path: Path) -> Iterator[Start]:
+    """Start executables by package and name; at the end of the test they are stopped, and must stop."""
+    with _starting(ros_domain, tmp_path) as starting:
+        yield starting
+
+
+@pytest.fixture(scope="module")
+def shared_domain() -> Iterator[int]:
+    """A ROS_DOMAIN_ID that nobody else uses, for what the tests of a file share."""
+    with locked_domain() as domain:
+        yield domain
+
+
+@pytest.fixture(scope="module")
+def shared_start(shared_domain: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
+    """Start executables that all tests of a file share: a start takes as long as most tests."""
+    with _starting(shared_domain, tmp_path_factory.mktemp("shared")) as starting:
+        yield starting
 
 
 @pytest.fixture

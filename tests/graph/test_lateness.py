@@ -23,6 +23,7 @@ def lateness(domain: int, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.long
 def test_the_table_names_its_command_and_counts_the_ticks_of_the_driver(ros_domain: int) -> None:
     done = lateness(ros_domain, "--seconds", "4", "firmata")
     assert done.returncode == 0, done.stderr

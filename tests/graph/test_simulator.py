@@ -16,6 +16,7 @@ from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
 from fin_plant.plant_state import EMERGENCY, State
+from fin_sim import simulator as simulator_node
 from fin_sim.fish import Water
 from fin_sim.swim import PAPER_FISH, swim
 from support.plant_tester import PlantTester
@@ -27,7 +28,7 @@ pytestmark = pytest.mark.graph
 CLOCK_STEP = 0.02e9
 """ns by which a wall clock that is being set may go back in a swim."""
 STREAMS = (topics.JOINT_STATES, topics.POSE, topics.VELOCITY, topics.THRUST)
-QUICK = "speed:=5.0"
+QUICK = {"speed": 5.0}
 """Faster than real time, and not so fast that the test listens to all that swims on until it says stop."""
 
 
@@ -35,6 +36,31 @@ QUICK = "speed:=5.0"
 def client(ros_domain: int) -> Iterator[PlantTester]:
     with PlantTester(ros_domain) as tester:
         yield tester
+
+
+@pytest.fixture(scope="module")
+def simulator(shared_start: Callable[..., Any]) -> Any:
+    """The simulator that most tests of this file share; its stamps may be ahead of the wall clock."""
+    return shared_start("fin_sim", "simulator")
+
+
+AS_IT_COMES = {
+    name: parameter.default for name, parameter in simulator_node.PARAMETERS.items() if not parameter.read_only
+}
+
+
+@pytest.fixture
+def fish(simulator: Any, shared_domain: int) -> Iterator[PlantTester]:
+    """A client of the shared simulator, at rest and as it comes; afterwards it is so again."""
+    with PlantTester(shared_domain) as tester:
+        tester.wait_for_state(State.READY)  # the latched state of a fish at rest
+        yield tester
+        assert tester.emergency_stop(on=False).success
+        tester.stop_swimming()
+        assert tester.set_parameters(AS_IT_COMES).successful
+        assert tester.request_reset().success
+        tester.wait_for_state(State.READY)
+        assert simulator.running
 
 
 def start_simulator(start: Callable[..., Any], *parameters: str) -> Any:
@@ -54,13 +80,12 @@ def test_a_swim_faster_than_real_time_loses_no_message(start: Callable[..., Any]
         assert np.allclose(np.diff(inside), 1e7), topic.name
 
 
-def test_what_the_topics_say_is_consistent_and_in_si_units(start: Callable[..., Any], client: PlantTester) -> None:
-    start_simulator(start, QUICK)
-    client.wait_for_state(State.READY)
-    since = client.swim(PAPER_GAIT, seconds=10.0)
-    velocity = [m for m in client.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) > since]
-    pose = [m for m in client.received(topics.POSE) if nanoseconds_of(m.header.stamp) > since]
-    joints = client.received(topics.JOINT_STATES)[-1]
+def test_what_the_topics_say_is_consistent_and_in_si_units(fish: PlantTester) -> None:
+    assert fish.set_parameters(QUICK).successful
+    since = fish.swim(PAPER_GAIT, seconds=10.0)
+    velocity = [m for m in fish.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) > since]
+    pose = [m for m in fish.received(topics.POSE) if nanoseconds_of(m.header.stamp) > since]
+    joints = fish.received(topics.JOINT_STATES)[-1]
     assert velocity[0].header.frame_id == "base_link"
     assert pose[0].header.frame_id == "tank"
     assert list(joints.name) == ["tail_joint_1", "fin_hinge_1", "fin_hinge_2"]
@@ -73,36 +98,34 @@ def test_what_the_topics_say_is_consistent_and_in_si_units(start: Callable[..., 
     # The trapezoidal sum of the velocity's own samples misses by its curvature over 10 ms, far below a millimetre.
     assert np.cumsum(0.005 * (in_tank[1:] + in_tank[:-1])) == pytest.approx(x[1:] - x[0], abs=2e-4)
     assert x[-1] > 0.2
-    largest = max(abs(m.position[0]) for m in client.received(topics.JOINT_STATES))
+    largest = max(abs(m.position[0]) for m in fish.received(topics.JOINT_STATES))
     assert largest == pytest.approx(math.radians(15.0), rel=1e-3)
 
 
-def test_drag_by_amplitude_and_a_current_swim_as_in_the_command(start: Callable[..., Any], client: PlantTester) -> None:
-    """The gait decides the drag while the node runs: a small one first, whose coefficient is half as much more."""
+def test_drag_by_amplitude_and_a_current_swim_as_in_the_command(fish: PlantTester) -> None:
+    """Both while the node runs: the drag follows the gait, a small one's coefficient is half as much more."""
     water = Water(PAPER_FISH.water.density, 1.0, 8.0, 0.02, -0.01)
     given = {name: getattr(water, name) for name in ("normal_drag", "oscillating_drag", "current_x", "current_y")}
-    start_simulator(start, QUICK, *(f"water.{name}:={value}" for name, value in given.items()))
-    client.wait_for_state(State.READY)
-    client.swim(carangiform(math.radians(5.0), 0.9), seconds=0.5)
-    client.stop_swimming()
-    assert client.request_reset().success
-    since = client.swim(PAPER_GAIT, seconds=3.0)
-    velocity = [m for m in client.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) >= since][:301]
+    assert fish.set_parameters({**QUICK, **{f"water.{name}": value for name, value in given.items()}}).successful
+    fish.swim(carangiform(math.radians(5.0), 0.9), seconds=0.5)
+    fish.stop_swimming()
+    assert fish.request_reset().success
+    since = fish.swim(PAPER_GAIT, seconds=3.0)
+    velocity = [m for m in fish.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) >= since][:301]
     expected = swim(Fin(), replace(PAPER_FISH, water=water), PAPER_GAIT, 3.0)
     assert [m.twist.linear.x for m in velocity] == pytest.approx(expected.surge, abs=2e-5)
     assert [m.twist.linear.y for m in velocity] == pytest.approx(expected.sway, abs=2e-5)
 
 
-def test_a_swim_repeats_bit_for_bit_after_a_reset(start: Callable[..., Any], client: PlantTester) -> None:
-    start_simulator(start, QUICK)
-    client.wait_for_state(State.READY)
+def test_a_swim_repeats_bit_for_bit_after_a_reset(fish: PlantTester) -> None:
+    assert fish.set_parameters(QUICK).successful
     runs = []
     for _ in range(2):
-        assert client.request_reset().success
-        since = client.swim(PAPER_GAIT, seconds=3.0)
-        after = [m for m in client.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) > since]
+        assert fish.request_reset().success
+        since = fish.swim(PAPER_GAIT, seconds=3.0)
+        after = [m for m in fish.received(topics.VELOCITY) if nanoseconds_of(m.header.stamp) > since]
         runs.append([m.twist.linear.x for m in after[:300]])
-        client.stop_swimming()
+        fish.stop_swimming()
     assert runs[0] == runs[1]
 
 
@@ -121,11 +144,8 @@ def test_in_real_time_the_stamps_follow_the_wall_clock(start: Callable[..., Any]
         client.stop_swimming()
 
 
-def test_a_bad_parameter_is_refused_with_its_name_value_and_range_and_nothing_changes(
-    start: Callable[..., Any], client: PlantTester
-) -> None:
-    start_simulator(start)
-    before = client.wait_for_state(State.READY)
+def test_a_bad_parameter_is_refused_with_its_name_value_and_range_and_nothing_changes(fish: PlantTester) -> None:
+    before = fish.wait_for_state(State.READY)
     bad: tuple[tuple[dict[str, Any], tuple[str, ...]], ...] = (
         ({"fin.young_modulus": -1.0}, ("fin.young_modulus", "-1.0", "10000000")),
         ({"fin.young_modulus": math.nan}, ("fin.young_modulus", "nan", "10000000")),
@@ -135,82 +155,69 @@ def test_a_bad_parameter_is_refused_with_its_name_value_and_range_and_nothing_ch
         ({"sample_rate": 50.0}, ("sample_rate",)),
     )
     for change, words in bad:
-        result = client.set_parameters({"fin.height": 0.03, **change})
+        result = fish.set_parameters({"fin.height": 0.03, **change})
         assert not result.successful, change
         for word in words:
             assert word in result.reason
-        assert client.get_parameter("fin.height") == 0.025, change
-        assert client.state() == before, change
+        assert fish.get_parameter("fin.height") == 0.025, change
+        assert fish.state() == before, change
 
 
-def test_a_modulus_is_taken_as_people_type_it(start: Callable[..., Any], client: PlantTester) -> None:
-    start_simulator(start)
-    client.wait_for_state(State.READY)
+def test_a_modulus_is_taken_as_people_type_it(fish: PlantTester) -> None:
     for typed in (2_000_000_000, "2.1e9"):  # what `ros2 param set` makes of 2000000000 and of 2.1e9
-        assert client.set_parameters({"fin.young_modulus": typed}).successful
-        assert client.get_parameter("fin.young_modulus") == float(typed)
-    assert client.set_parameters({"fin.segments": 4.0}).successful
-    assert client.get_parameter("fin.segments") == 4
-    refused = client.set_parameters({"fin.young_modulus": "stiff"})
+        assert fish.set_parameters({"fin.young_modulus": typed}).successful
+        assert fish.get_parameter("fin.young_modulus") == float(typed)
+    assert fish.set_parameters({"fin.segments": 4.0}).successful
+    assert fish.get_parameter("fin.segments") == 4
+    refused = fish.set_parameters({"fin.young_modulus": "stiff"})
     assert not refused.successful
     assert "fin.young_modulus must be a number, got 'stiff'" in refused.reason
 
 
-def reached(client: PlantTester, topic: topics.Topic[Any], count: int) -> bool:
-    return len(client.received(topic)) >= count
+def reached(fish: PlantTester, topic: topics.Topic[Any], count: int) -> bool:
+    return len(fish.received(topic)) >= count
 
 
-def test_a_swim_begins_anew_with_another_fish_but_not_with_another_pace(
-    start: Callable[..., Any], client: PlantTester
-) -> None:
-    start_simulator(start)
-    client.wait_for_state(State.READY)
-    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
-    begin = client.wait_for_state(State.SWIMMING).stamp
+def test_a_swim_begins_anew_with_another_fish_but_not_with_another_pace(fish: PlantTester) -> None:
+    fish.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    begin = fish.wait_for_state(State.SWIMMING).stamp
     for values, same in (({"speed": 2.0, "command_timeout": 1.0}, True), ({"fin.density": 1100.0}, False)):
-        told = len(client.received(topics.PLANT_STATE)) + 1
-        assert client.set_parameters(values).successful
-        client.wait_until(partial(reached, client, topics.PLANT_STATE, told), "the state said again")
-        state = client.state()
+        told = len(fish.received(topics.PLANT_STATE)) + 1
+        assert fish.set_parameters(values).successful
+        fish.wait_until(partial(reached, fish, topics.PLANT_STATE, told), "the state said again")
+        state = fish.state()
         assert state is not None
         assert state.state is State.SWIMMING
         assert (state.stamp == begin) is same
 
 
-def test_a_new_fin_is_built_and_announced(start: Callable[..., Any], client: PlantTester) -> None:
-    start_simulator(start)
-    before = client.wait_for_state(State.READY)
-    assert client.set_parameters({"fin.young_modulus": 2.5e9, "fin.segments": 5}).successful
-    client.wait_until(lambda: client.state() != before, "plant_state after the new fin")
-    state = client.state()
+def test_a_new_fin_is_built_and_announced(fish: PlantTester) -> None:
+    before = fish.wait_for_state(State.READY)
+    assert fish.set_parameters({"fin.young_modulus": 2.5e9, "fin.segments": 5}).successful
+    fish.wait_until(lambda: fish.state() != before, "plant_state after the new fin")
+    state = fish.state()
     assert state is not None
     assert (state.fin["fin.young_modulus"], state.fin["fin.segments"]) == ("2500000000.0", "5")
     assert state.stamp > before.stamp
-    client.wait_until(
-        lambda: len(client.received(topics.JOINT_STATES)[-1].name) == 5,
+    fish.wait_until(
+        lambda: len(fish.received(topics.JOINT_STATES)[-1].name) == 5,
         "joint_states of the five-segment fin",
     )
 
 
-def test_a_peduncle_is_set_list_by_list_while_the_fish_swims_on_without_it(
-    start: Callable[..., Any], client: PlantTester
-) -> None:
-    start_simulator(start)
-    client.wait_for_state(State.READY)
-    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
-    client.wait_for_state(State.SWIMMING)
+def test_a_peduncle_is_set_list_by_list_while_the_fish_swims_on_without_it(fish: PlantTester) -> None:
+    fish.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    fish.wait_for_state(State.SWIMMING)
     peduncle = {"length": 0.03, "root_height": 0.03, "tip_height": 0.02, "mass_per_area": 1.0}
     for name, value in peduncle.items():
-        assert len(client.received(topics.JOINT_STATES)[-1].name) == 3
-        assert client.set_parameters({f"peduncle.{name}": [value]}).successful
+        assert len(fish.received(topics.JOINT_STATES)[-1].name) == 3
+        assert fish.set_parameters({f"peduncle.{name}": [value]}).successful
         awaited = name != "mass_per_area"
-        client.wait_until(
-            lambda: (s := client.state()) is not None and ("peduncle.mass_per_area 0" in s.reason) is awaited,  # noqa: B023
+        fish.wait_until(
+            lambda: (s := fish.state()) is not None and ("peduncle.mass_per_area 0" in s.reason) is awaited,  # noqa: B023
             "the state with what is awaited",
         )
-    client.wait_until(
-        lambda: len(client.received(topics.JOINT_STATES)[-1].name) == 4, "joint_states of the longer tail"
-    )
+    fish.wait_until(lambda: len(fish.received(topics.JOINT_STATES)[-1].name) == 4, "joint_states of the longer tail")
 
 
 @pytest.mark.parametrize("parameter", ["fin.thickness:=0.5", "fin.young_modulus:=.nan", "fin.yung:=1.0"])
@@ -228,40 +235,32 @@ def test_an_argument_that_is_none_starts_no_node(start: Callable[..., Any]) -> N
     assert "--ros-args -p PARAMETER:=VALUE" in process.output()
 
 
-def test_a_gait_that_is_refused_moves_nothing_and_does_not_feed_the_watchdog(
-    start: Callable[..., Any], client: PlantTester
-) -> None:
-    start_simulator(start)
-    client.wait_for_state(State.READY)
+def test_a_gait_that_is_refused_moves_nothing_and_does_not_feed_the_watchdog(fish: PlantTester) -> None:
     bad = gait_message([[math.nan, 0.9, 0.0, 0.0]])
-    for count in ("1", "2"):
-        client.publish_gait(bad)
-        client.wait_until(lambda count=count: client.diagnostic("gaits_refused") == count, f"{count} refusals")  # type: ignore[misc]
-    state = client.state()
+    fish.wait_until(lambda: fish.diagnostic("gaits_refused"), "diagnostics")
+    before = int(fish.diagnostic("gaits_refused") or 0)
+    for count in (before + 1, before + 2):
+        fish.publish_gait(bad)
+        fish.wait_until(lambda count=count: fish.diagnostic("gaits_refused") == str(count), f"{count} refusals")  # type: ignore[misc]
+    state = fish.state()
     assert state is not None
     assert state.state is State.READY
-    assert "gait amplitude = nan" in str(client.diagnostic("last_refusal"))
+    assert "gait amplitude = nan" in str(fish.diagnostic("last_refusal"))
 
 
-def test_without_a_fresh_gait_the_tail_returns_to_neutral(start: Callable[..., Any], client: PlantTester) -> None:
-    start_simulator(start)
-    client.wait_for_state(State.READY)
-    client.publish_gait(gait_message(PAPER_GAIT.rows()))
-    client.wait_for_state(State.SWIMMING)
-    state = client.wait_for_state(State.READY)
+def test_without_a_fresh_gait_the_tail_returns_to_neutral(fish: PlantTester) -> None:
+    fish.publish_gait(gait_message(PAPER_GAIT.rows()))
+    fish.wait_for_state(State.SWIMMING)
+    state = fish.wait_for_state(State.READY)
     assert "command_timeout" in state.reason
-    client.wait_until(
-        lambda: client.received(topics.JOINT_STATES)[-1].position[0] == 0.0, "the driven joint at neutral"
-    )
+    fish.wait_until(lambda: fish.received(topics.JOINT_STATES)[-1].position[0] == 0.0, "the driven joint at neutral")
 
 
-def test_a_gait_beyond_the_limits_is_limited_and_reported_so(start: Callable[..., Any], client: PlantTester) -> None:
-    start_simulator(start)
-    client.wait_for_state(State.READY)
-    client.publish_gait(gait_message([[1.0, 50.0, 0.0, 0.1]]))
-    client.wait_for_state(State.SWIMMING)
-    client.wait_until(lambda: client.received(topics.GAIT_APPLIED)[-1].data[0] > 0.0, "gait_applied")
-    amplitude, frequency, _, bias = client.received(topics.GAIT_APPLIED)[-1].data
+def test_a_gait_beyond_the_limits_is_limited_and_reported_so(fish: PlantTester) -> None:
+    fish.publish_gait(gait_message([[1.0, 50.0, 0.0, 0.1]]))
+    fish.wait_for_state(State.SWIMMING)
+    fish.wait_until(lambda: fish.received(topics.GAIT_APPLIED)[-1].data[0] > 0.0, "gait_applied")
+    amplitude, frequency, _, bias = fish.received(topics.GAIT_APPLIED)[-1].data
     assert amplitude + bias == pytest.approx(math.radians(15.0))
     assert (frequency, bias) == (5.0, 0.1)
 
@@ -300,21 +299,17 @@ WILD_FISH = (
 )
 
 
-def test_an_emergency_stop_is_latched_and_only_its_release_leads_on(
-    start: Callable[..., Any], client: PlantTester
-) -> None:
-    start_simulator(start)
-    client.wait_for_state(State.READY)
-    client.swim(PAPER_GAIT, seconds=0.5)
-    assert client.emergency_stop(on=True).success
-    stopped = client.wait_for_state(State.FAULT)
+def test_an_emergency_stop_is_latched_and_only_its_release_leads_on(fish: PlantTester) -> None:
+    fish.swim(PAPER_GAIT, seconds=0.5)
+    assert fish.emergency_stop(on=True).success
+    stopped = fish.wait_for_state(State.FAULT)
     assert stopped.reason == EMERGENCY
     assert stopped.waits_for_people  # so an optimiser waits
-    answer = client.request_reset()
+    answer = fish.request_reset()
     assert not answer.success
     assert answer.message == EMERGENCY
-    client.publish_gait(gait_message(PAPER_GAIT.rows()))
-    client.spin(0.2)
-    assert client.wait_for_state(State.FAULT).stamp == stopped.stamp
-    assert client.emergency_stop(on=False).success
-    assert not client.wait_for_state(State.READY).waits_for_people
+    fish.publish_gait(gait_message(PAPER_GAIT.rows()))
+    fish.spin(0.2)
+    assert fish.wait_for_state(State.FAULT).stamp == stopped.stamp
+    assert fish.emergency_stop(on=False).success
+    assert not fish.wait_for_state(State.READY).waits_for_people

@@ -124,7 +124,7 @@ class Simulator:
     def _offer(self) -> None:
         node = self.node
         self._streams = [node.create_publisher(topic.type, topic.name, topic.qos) for topic in STREAMS]
-        self._messages = StreamMessages(self._stepper.chain)  # the joints' names depend on the fin
+        self._messages = StreamMessages(self._stepper.chain)  # which names the joints, and tells the current
         self._markers = node.create_publisher(topics.MARKERS.type, topics.MARKERS.name, topics.MARKERS.qos)
         self._state_topic = node.create_publisher(
             topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos
@@ -200,7 +200,7 @@ class Simulator:
         if len(self._fish_state) != len(self._stepper.start()):
             self._fish_state = self._stepper.start()  # another number of hinges: they start straight
             self._fish_state[: dynamics.BODY_STATES] = body
-            self._messages = StreamMessages(self._stepper.chain)
+        self._messages = StreamMessages(self._stepper.chain)
         if sum(self._stepper.chain.driven) != self._follower.joints:
             self._neutral()
         self._follower.set_ramp_time(self._number("drive.ramp_time"))
