@@ -124,3 +124,16 @@ def test_order_of_the_four_fins_at_their_nominal_moduli(
 def test_speed_only_falls_where_two_fins_have_no_stated_modulus() -> None:
     between = np.geomspace(46e6, 2e9, 20)
     assert (np.diff(measured_fins.steady_speeds(preset("clark2012_fish"), between)) < 0.0).all()
+
+
+def test_preset_swims_the_speed_that_its_file_states() -> None:
+    assert 100.0 * measured_fins.steady_speeds(preset("clark2012_fish"), [2.5e9]) == pytest.approx([3.10], abs=0.01)
+
+
+@pytest.mark.long
+def test_a_finer_fin_swims_within_a_hundredth_of_the_preset_s() -> None:
+    base = preset("clark2012_fish")
+    nominal = [float(one[1]) for one, fin in zip(measured_fins.moduli(FINS, 3), FINS, strict=True) if fin.modulus]
+    finer = replace(base, fin=replace(base.fin, segments=11))
+    speeds = measured_fins.steady_speeds(base, nominal)
+    assert measured_fins.steady_speeds(finer, nominal) == pytest.approx(speeds, rel=0.01)
