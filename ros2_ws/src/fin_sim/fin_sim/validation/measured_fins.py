@@ -23,6 +23,7 @@ from fin_sim.materials import materials
 from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, PATH_COLOUR, TAIL_COLOUR
 from fin_sim.presets import Preset, preset
 from fin_sim.validation.page import Check, Section, table_head
+from fin_sim.validation.paper import published
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,6 +41,7 @@ PLATE_DRAG = 8.0
 """a in C = a KC^(-1/3), measured on plates that oscillate (Graham 1980, see `oscillating_drag`)."""
 BEATS, MEASURED_BEATS = 108, 9
 """Beats from rest, 120 s, and those of them at the end whose speed counts: within 1 % of the speed after 200 s."""
+_CURVES = Path(fin_sim.__file__).parent / "data" / "paper_curves.csv"
 _HINGES = 3  # segments of the papers' chain, whose hinge stiffness is the axis of the figure
 _IN_RANGE = 9  # moduli over a maker's range
 _FITTED = 1e-4  # of the anchor's speed
@@ -62,8 +64,7 @@ class PrintedFin:
 
 def printed_fins() -> list[PrintedFin]:
     """Return the six fins from soft to stiff, the order that figure 6 of the paper states."""
-    path = Path(fin_sim.__file__).parent / "data" / "paper_curves.csv"
-    with path.open(encoding="utf-8", newline="") as file:
+    with _CURVES.open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["curve"] == "physical"]
     table = materials()
     return [
@@ -247,12 +248,11 @@ def draw_over_stiffness(axes: Axes, fins: Sequence[PrintedFin], found: Sequence[
             color=TAIL_COLOUR,
         )
     for name, marker in (("model", "o"), ("simulation", "s")):
-        theirs = preset(f"clark2012_{name}").fin
-        modulus, speed = published_points(name)
-        stiffness = [replace(theirs, young_modulus=one).hinge_stiffness(0.5 * theirs.length) for one in modulus]
+        theirs, points = preset(f"clark2012_{name}").fin, published(_CURVES)[name]
+        stiffness = [replace(theirs, young_modulus=one).hinge_stiffness(0.5 * theirs.length) for one in points.modulus]
         axes.plot(
             1e3 * np.array(stiffness),
-            speed,
+            100.0 * points.speed,
             marker,
             color=PATH_COLOUR,
             mfc="none",
@@ -267,14 +267,6 @@ def draw_over_stiffness(axes: Axes, fins: Sequence[PrintedFin], found: Sequence[
     )
     axes.set_xticks([0.1, 1.0, 10.0, 100.0], ["0.1", "1", "10", "100"])
     axes.legend(frameon=False, fontsize="x-small", loc="upper right")
-
-
-def published_points(curve: str) -> tuple[list[float], list[float]]:
-    """Return E in Pa and speed in cm/s of the papers' points of a curve."""
-    path = Path(fin_sim.__file__).parent / "data" / "paper_curves.csv"
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["curve"] == curve]
-    return [1e9 * float(row["young_modulus_gpa"]) for row in rows], [float(row["speed_cm_s"]) for row in rows]
 
 
 @own_style()
