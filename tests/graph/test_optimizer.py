@@ -184,13 +184,17 @@ def check_bag(folder: Path, row: dict[str, str]) -> None:
 def test_a_study_in_two_parts_tries_the_fins_of_one_in_a_single_part(start: Start, tmp_path: Path) -> None:
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     start_node(start, "fin_sim", "simulator", "speed:=0.0")
-    assert start_optimizer(start, whole, "trials:=3", *SHORT).wait(90) == 0
-    assert start_optimizer(start, parts, "trials:=1", *SHORT).wait(90) == 0
-    again = start_optimizer(start, parts, "trials:=3", *SHORT)
+    for study, last in ((whole, "trial 0002"), (parts, "trial 0000")):  # neither comes to its picture
+        begun = start_optimizer(start, study, "trials:=100", *SHORT)
+        begun.wait_for_output(last)
+        begun.interrupt()
+    swum = len(table(parts))
+    again = start_optimizer(start, parts, f"trials:={max(swum, 3)}", *SHORT)
     assert again.wait(90) == 0
-    assert "going on after 1 trial," in again.output()
+    assert f"going on after {swum} trial" in again.output()
     for column in (MODULUS, "speed [m/s]"):
-        assert [row[column] for row in table(parts)] == [row[column] for row in table(whole)]
+        first, second = ([row[column] for row in table(each) if row["outcome"] == "OK"][:3] for each in (whole, parts))
+        assert first == second
     other = start_optimizer(start, parts, "trials:=3", "seed:=2", *SHORT)
     assert other.wait(60) == 2
     assert "was begun with other settings: seed is 1 there and 2 here" in other.output()

@@ -117,7 +117,14 @@ def few_forms(swim: RandomSwim) -> bool:
     return swim.fin.segments == 3 and swim.reactive == "distributed" and swim.fin.height != swim.fin.tip_height
 
 
-@pytest.mark.parametrize("swim", [swim for swim in drawn(7, 600) if few_forms(swim)][:12])
+FEW = [swim for swim in drawn(7, 600) if few_forms(swim)][:12]
+DEAR = {0, 7}
+"""Of them, those for which the second solver takes many seconds."""
+
+
+@pytest.mark.parametrize(
+    "swim", [pytest.param(swim, marks=[pytest.mark.long] * (index in DEAR)) for index, swim in enumerate(FEW)]
+)
 def test_random_swim_is_right_or_says_that_it_is_not(swim: RandomSwim) -> None:
     swum = in_batch(swim)
     if swum.status[0] == Status.OK:

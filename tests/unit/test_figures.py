@@ -53,12 +53,12 @@ def test_a_picture_is_the_same_whatever_the_users_matplotlib_is_set_to(tmp_path:
     settings.write_text("text.usetex: True\nfont.size: 30\nsavefig.dpi: 20\nno.such.key: 1\n")
     plain = _drawn(tmp_path / "plain")
     assert len(plain) == hashlib.sha256().digest_size * 2
-    assert _drawn(tmp_path / "folder", MPLCONFIGDIR=str(settings.parent)) == plain
-    assert _drawn(tmp_path / "file", MATPLOTLIBRC=str(settings)) == plain
+    nonsense = {"MPLBACKEND": "no such backend", "MPLCONFIGDIR": str(settings.parent)}
+    assert _drawn(tmp_path / "folder", **nonsense) == plain
+    no_home = {"MATPLOTLIBRC": str(settings), "HOME": "/proc/no", "XDG_CACHE_HOME": ""}
+    assert _drawn(tmp_path / "file", **no_home) == plain
     inline = "module://matplotlib_inline.backend_inline"
     assert _drawn(tmp_path / "jupyter", MPLBACKEND=inline, MPLCONFIGDIR="/proc/no") == plain
-    assert _drawn(tmp_path / "no_home", HOME="/proc/no", XDG_CACHE_HOME="") == plain
-    assert _drawn(tmp_path / "nonsense", MPLBACKEND="no such backend") == plain
 
 
 def test_drawing_leaves_the_settings_of_who_draws_as_they_were(tmp_path: Path) -> None:

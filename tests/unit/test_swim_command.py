@@ -177,13 +177,13 @@ def test_folder_that_cannot_be_written_to_is_refused_before_the_swim(
 def test_pictures_are_written_and_a_replaced_file_is_told(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     plot, movie = tmp_path / "swim.png", tmp_path / "swim.gif"
     plot.write_text("old", encoding="utf-8")
-    _, err = _run(capsys, "--duration", "1", "--plot", plot, "--animate", movie)
+    _, err = _run(capsys, "--duration", "0.4", "--plot", plot, "--animate", movie)
     assert f"swim: replaced {plot}" in err
     assert f"swim: wrote {movie}" in err
     with Image.open(plot) as picture:
         assert picture.size[0] >= 1000
     with Image.open(movie) as picture:
-        assert getattr(picture, "n_frames", 0) == 25
+        assert getattr(picture, "n_frames", 0) == 10
     assert sorted(path.name for path in tmp_path.iterdir()) == ["swim.gif", "swim.png"]
 
 
