@@ -10,7 +10,8 @@ import numpy as np
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from fin_optimizer.bags.messages import message_types
-from fin_optimizer.bags.writer import BagTopic, BagWriter
+from fin_optimizer.bags.metadata import BagTopic
+from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.score.mean_speed import Measurement
 
 if TYPE_CHECKING:

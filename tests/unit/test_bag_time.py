@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fin_optimizer.bags.log_time import FAR, LogTime
+from fin_optimizer.bags.metadata import BagTopic
 from fin_optimizer.bags.reader import read_bag
-from fin_optimizer.bags.writer import BagTopic, BagWriter
+from fin_optimizer.bags.writer import BagWriter
 from support.bags import SECOND, START, STATE, STEP, VELOCITY, quality, state, velocity
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 messages      serialised messages: their types, stamps and velocities
 log_time      the time at which a message is logged
 writer        writes a bag, each second on the disk
+metadata      what describes a bag as a whole
 reader        reads any bag, also one of other writers
 mcap_records  the records of an MCAP file, up to where it was cut off
 files         where a bag's files are

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 from fin_optimizer.bags.files import bags_in
 from fin_optimizer.bags.integrity import MAGIC_SIZE
 from fin_optimizer.bags.messages import BagError
+from fin_optimizer.bags.metadata import BagTopic
 from fin_optimizer.bags.reader import is_closed, is_own, mcap_file, read_bag
-from fin_optimizer.bags.writer import BagTopic, BagWriter, lock
+from fin_optimizer.bags.writer import BagWriter, lock
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -16,18 +16,15 @@ import fcntl
 import os
 import time
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import cache
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Self
 
-import yaml
 from mcap.writer import CompressionType, Writer
-from rosbags.rosbag2.metadata import dump_qos_v9
 
 from fin_optimizer.bags.disk_space import shortage
 from fin_optimizer.bags.log_time import LogTime
 from fin_optimizer.bags.messages import BagError, definition, has_header, header_stamp, is_known, type_hash
+from fin_optimizer.bags.metadata import UNUSABLE_STAMPS, BagSummary, BagTopic, as_yaml, bag_information, qos_text
 from fin_optimizer.checksums import CHECK_SUM, sum_of_texts
 
 if TYPE_CHECKING:
@@ -35,7 +32,6 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import IO
 
-    from rosbags.interfaces import Qos
 
 CHUNK_SIZE = 32 * 1024
 """Bytes of a chunk before compression: about 0.4 s of a swim in real time."""
@@ -45,60 +41,10 @@ TRIAL_RECORD = "trial"
 """Name of the MCAP metadata record that describes the trial."""
 TRIAL_SUM = "trial_check_sum"
 """Name of the MCAP metadata record with the check sum of that one, which guards it while the bag is not closed."""
-UNUSABLE_STAMPS = "unusable_stamps"
-"""Name of the MCAP metadata record that counts, by topic, the messages whose stamp could not be believed."""
 LIBRARY = "fin_optimizer"
 """What the header of a bag's MCAP file begins its library with: the program that wrote it."""
 WITH_SUMS = f"{LIBRARY} with check sums"
 """The same, since the trial record, the data and the summary have check sums; see `fin_optimizer.bags.integrity`."""
-BAG_VERSION = 9
-ROS_DISTRIBUTION = "jazzy"
-
-
-@dataclass(frozen=True)
-class BagTopic:
-    """A topic to record.
-
-    Attributes:
-        name: Absolute name, for example ``/fish/velocity``.
-        type_name: Message type, for example ``geometry_msgs/msg/TwistStamped``.
-        qos: What its publisher offers, so that a player can offer the same.
-    """
-
-    name: str
-    type_name: str
-    qos: Qos
-
-
-@dataclass(frozen=True)
-class BagSummary:
-    """What a closed bag holds.
-
-    Attributes:
-        path: Folder of the bag.
-        counts: Number of messages by topic, also of topics without any.
-        start_ns: Log time of the earliest message in ns since the epoch, 0 in an empty bag.
-        duration_ns: Time in ns from the earliest to the latest message.
-        unusable_stamps: Number of messages by topic that have a header, but no stamp that can be believed.
-        first_unusable: What the first such stamp of a topic is.
-    """
-
-    path: Path
-    counts: Mapping[str, int]
-    start_ns: int
-    duration_ns: int
-    unusable_stamps: Mapping[str, int]
-    first_unusable: Mapping[str, str]
-
-    @property
-    def message_count(self) -> int:
-        """Number of messages of all topics."""
-        return sum(self.counts.values())
-
-
-@cache
-def _qos_text(qos: Qos) -> str:
-    return _yaml(dump_qos_v9([qos]))
 
 
 def lock(file: IO[bytes]) -> None:
@@ -206,7 +152,7 @@ class BagWriter:
                 text = definition(topic.type_name)
                 schemas[topic.type_name] = self._mcap.register_schema(topic.type_name, "ros2msg", text)
             channel_metadata = {
-                "offered_qos_profiles": _qos_text(topic.qos),
+                "offered_qos_profiles": qos_text(topic.qos),
                 "topic_type_hash": type_hash(topic.type_name),
             }
             schema = schemas[topic.type_name]
@@ -306,55 +252,21 @@ class BagWriter:
         summary = BagSummary(
             self.path, dict(self._counts), start, duration, dict(stamps.unusable), dict(stamps.first_unusable)
         )
-        information = self._information(summary)
+        information = bag_information(summary, self._topics.values(), self._file_name, self._metadata)
         if summary.unusable_stamps:
             unusable = {topic: str(count) for topic, count in summary.unusable_stamps.items()}
             self._mcap.add_metadata(UNUSABLE_STAMPS, unusable)
-        self._mcap.add_metadata("rosbag2", {"serialized_metadata": _yaml(information)})
+        self._mcap.add_metadata("rosbag2", {"serialized_metadata": as_yaml(information)})
         self._mcap.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
         os.fsync(self._file.fileno())
-        _write_whole(self.path / "metadata.yaml", _yaml({"rosbag2_bagfile_information": information}))
+        _write_whole(self.path / "metadata.yaml", as_yaml({"rosbag2_bagfile_information": information}))
         return summary
 
     def _release(self) -> None:
         """Give the file back; what it could not put on the disk was reported before."""
         with suppress(OSError):
             self._file.close()
-
-    def _information(self, summary: BagSummary) -> dict[str, object]:
-        """Return the content of metadata.yaml."""
-        topics = [
-            {
-                "topic_metadata": {
-                    "name": topic.name,
-                    "type": topic.type_name,
-                    "serialization_format": "cdr",
-                    "offered_qos_profiles": dump_qos_v9([topic.qos]),
-                    "type_description_hash": type_hash(topic.type_name),
-                },
-                "message_count": summary.counts[topic.name],
-            }
-            for topic in self._topics.values()
-        ]
-        extent = {
-            "duration": {"nanoseconds": summary.duration_ns},
-            "starting_time": {"nanoseconds_since_epoch": summary.start_ns},
-            "message_count": summary.message_count,
-        }
-        unusable = {f"{UNUSABLE_STAMPS}.{topic}": str(count) for topic, count in summary.unusable_stamps.items()}
-        return {
-            "version": BAG_VERSION,
-            "storage_identifier": "mcap",
-            **extent,
-            "topics_with_message_count": topics,
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [self._file_name],
-            "files": [{"path": self._file_name, **extent}],
-            "custom_data": {**self._metadata, **unusable},
-            "ros_distro": ROS_DISTRIBUTION,
-        }
 
     @contextmanager
     def _failing(self, verb: str) -> Iterator[None]:
@@ -379,23 +291,6 @@ class BagWriter:
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-
-if TYPE_CHECKING:
-    _Dumper = yaml.SafeDumper
-else:  # libyaml's own where it is there: every trial writes two texts of some kilobytes, and it is ten times as fast
-    _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-
-
-class _PlainDumper(_Dumper):
-    """Writes a list that occurs twice twice: rosbag2's reader wants no references."""
-
-    def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002  (PyYAML asks for it)
-        return True
-
-
-def _yaml(content: object) -> str:
-    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True)
 
 
 def _write_whole(path: Path, text: str) -> None:

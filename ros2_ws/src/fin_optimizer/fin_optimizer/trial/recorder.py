@@ -20,7 +20,8 @@ from rclpy.type_support import check_is_valid_msg_type
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
 from fin_optimizer.bags.messages import BagError, decode, has_header, header_stamp, velocity_samples
-from fin_optimizer.bags.writer import BagSummary, BagTopic, BagWriter
+from fin_optimizer.bags.metadata import BagSummary, BagTopic
+from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.score.mean_speed import LONGEST_GAP, ScoreError
 from fin_optimizer.score.swim import SwimRecord, start_of_swim
 from fin_plant.discovery import ends_of, request, wanted
