@@ -50,10 +50,18 @@ ROS_MODULES = {
 # Physics, search and scoring: may never be listed above, and a renamed one must be renamed here.
 CORE_MODULES = {
     "fin_optimizer.score.mean_speed",
+    "fin_optimizer.search.algorithms",
     "fin_optimizer.search.cma_es",
+    "fin_optimizer.search.features",
+    "fin_optimizer.search.gaussian_process",
     "fin_optimizer.search.genetic",
+    "fin_optimizer.search.gp",
     "fin_optimizer.search.hill_climber",
+    "fin_optimizer.search.nsga2",
     "fin_optimizer.search.one_by_one",
+    "fin_optimizer.search.pareto",
+    "fin_optimizer.search.quasi_random",
+    "fin_optimizer.search.random_search",
     "fin_optimizer.search.space",
     "fin_optimizer.trial.facts",
     "fin_optimizer.trial.gait_check",

@@ -157,7 +157,7 @@ def test_optuna_takes_every_candidate(seed: int) -> None:
         (lambda: Dimension("x", 1.5, 4.0, whole=True), "minimum of x = 1.5 must be a whole number"),
         (lambda: Choice("x", ("a",)), "choices of x must be two or more, each once, got"),
         (lambda: Choice("x", (1.0, 2.0, 1.0)), "choices of x must be two or more, each once"),
-        (lambda: CmaEs(Space((HINGES, FREQUENCY)), 1), "continuous numbers only, fin.hinges is a choice"),
+        (lambda: CmaEs(Space((HINGES, FREQUENCY)), 1), "CMA-ES cannot choose, as fin.hinges wants it"),
         (lambda: LENGTH.check(0.0425), "fin.length = 0.0425 m lies between two steps of 0.005 m from 0.04 m"),
         (lambda: HINGES.check("beside"), "fin.hinges = 'beside' is not one of between, midpoint"),
         (lambda: uniform(Space(MIXED, lambda _: "too thin"), generator(1, 0)), "none of 10000 .* too thin"),

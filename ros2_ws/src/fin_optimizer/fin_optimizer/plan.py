@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER_PARAMETERS
 from fin_optimizer.score.mean_speed import Measurement
-from fin_optimizer.search.hill_climber import HillClimber
-from fin_optimizer.search.one_by_one import OneByOne
+from fin_optimizer.search.algorithms import search
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study.file_names import SETTINGS_FILE
 from fin_optimizer.study.ledger import Study
@@ -91,7 +90,14 @@ class StudyPlan:
             **{name: values[name] for name in _AS_GIVEN},
             minimum_free=values["disk.minimum_free"],
             plants=_plants(values["plants"]),
-            search=_search(values, space, {name: v.step_deviation for name, v in varied.items()}, objective),
+            search=search(
+                values["search.algorithm"],
+                space,
+                values["seed"],
+                {name: v.step_deviation for name, v in varied.items()},
+                values["search.population"],
+                with_cost=objective is Objective.SPEED_AND_COST,
+            ),
             fin=fin,
             gait=carangiform(gait.amplitude, gait.frequency),
             measurement=_built(Measurement, values, "measurement.", block=1.0 / gait.frequency),
@@ -154,23 +160,6 @@ def _varied(values: Mapping[str, Any]) -> dict[str, _Varied]:
     if varied[_LENGTH].minimum == varied[_LENGTH].maximum == 0.0:  # the default: the shape stays
         del varied[_LENGTH]
     return varied
-
-
-def _search(values: Mapping[str, Any], space: Space, deviations: Mapping[str, float], objective: Objective) -> Search:
-    algorithm, population, seed = values["search.algorithm"], values["search.population"], values["seed"]
-    if algorithm == "hill_climber":
-        return HillClimber(space, seed, deviations)
-    if objective is Objective.SPEED_AND_COST:
-        msg = f"search.algorithm = {algorithm} knows one objective only: use hill_climber for {objective}"
-        raise ValueError(msg)
-    # Both take longer to load than a study with the hill climber should wait.
-    from fin_optimizer.search.cma_es import CmaEs  # noqa: PLC0415
-    from fin_optimizer.search.genetic import GeneticAlgorithm  # noqa: PLC0415
-
-    if algorithm == "cma_es":
-        return OneByOne(CmaEs(space, seed, population or None))
-    genetic = GeneticAlgorithm(space, seed, deviations)
-    return OneByOne(replace(genetic, population=population or genetic.population))
 
 
 def _plants(names: Sequence[str]) -> tuple[str, ...]:

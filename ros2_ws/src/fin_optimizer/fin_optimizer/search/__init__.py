@@ -5,5 +5,12 @@ distributions the same for Optuna
 hill_climber  the paper's, and with two objectives one over the Pareto front
 genetic       the paper's genetic algorithm
 cma_es        CMA-ES
+gp            Bayesian optimisation by a Gaussian process
+tpe           Optuna's tree-structured Parzen estimator
+nsga2         NSGA-II
+random_search, quasi_random  candidates that no score decides
+algorithms    all of them by name, and what each can do
+features, gaussian_process   the model of gp
+pareto        fronts of candidates by several objectives
 one_by_one    asks a search by generations for one candidate at a time
 """

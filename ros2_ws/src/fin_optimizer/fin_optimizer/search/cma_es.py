@@ -31,11 +31,15 @@ _LARGEST_SEED = 2**32  # of the library's random numbers
 
 @dataclass
 class _Replay:
-    """An optimiser and the generations that it was told, by identity."""
+    """An optimiser, the generations that it was told, by identity, and what it drew and showed for each.
 
-    optimiser: cmaes.CMA
+    Of a parameter with steps a value is shown that is next to what was drawn.
+    """
+
+    optimiser: cmaes.CMA | cmaes.CMAwM
     told: list[Generation] = field(default_factory=list)
-    asked: list[NDArray[np.float64]] = field(default_factory=list)
+    drawn: list[NDArray[np.float64]] = field(default_factory=list)
+    shown: list[NDArray[np.float64]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -43,13 +47,13 @@ class CmaEs:
     """CMA-ES over the space scaled to the unit box (Hansen, arXiv:1604.00772; population and weights by the library).
 
     Attributes:
-        space: Where to search; at least two parameters, as the library wants.
+        space: Where to search; at least two parameters, as the library wants, and no choices.
         seed: Of all its random numbers, 0 or more.
         population: Candidates of a generation; the library's 4 + 3 ln(parameters) where none is given.
         deviation: Initial standard deviation, as a share of each range.
 
     Raises:
-        ValueError: A number that cannot be, or a space of one parameter.
+        ValueError: A number that cannot be, a space of one parameter, or a choice.
     """
 
     space: Space
@@ -65,11 +69,8 @@ class CmaEs:
             msg = f"CMA-ES needs at least 2 parameters, the space has {list(self.space.names)}: use the hill climber"
             raise ValueError(msg)
         for dimension in self.space.dimensions:
-            if dimension.count is not None:
-                kind = "a choice" if isinstance(dimension, Choice) else "stepped"
-                msg = (
-                    f"CMA-ES moves in continuous numbers only, {dimension.name} is {kind}: use genetic or hill_climber"
-                )
+            if isinstance(dimension, Choice):
+                msg = f"CMA-ES cannot choose, as {dimension.name} wants it: use hill_climber, genetic, tpe or gp"
                 raise ValueError(msg)
         if self.population is not None:
             checks.whole_number("population", self.population, 5)
@@ -83,44 +84,76 @@ class CmaEs:
         if replay is None or any(a is not b for a, b in zip(replay.told, history, strict=False)):
             replay = _Replay(self._optimiser())
             self._replays[:] = [replay]
-        while len(replay.asked) <= len(history):
-            if replay.asked:
+        while len(replay.drawn) <= len(history):
+            if replay.drawn:
                 self._tell(replay, history[len(replay.told)])
             # x_k = m + sigma y_k, y_k ~ N(0, C) (Hansen 2016, eq. 38 to 40), drawn by the library
             count = replay.optimiser.population_size
-            replay.asked.append(np.array([self._asked(replay.optimiser, place) for place in range(count)]))
-        return self._numbers(replay.asked[len(history)])
+            shown, drawn = zip(*(self._asked(replay.optimiser, place) for place in range(count)), strict=True)
+            replay.shown.append(np.array(shown))
+            replay.drawn.append(np.array(drawn))
+        return self._numbers(replay.shown[len(history)])
 
     def _numbers(self, scaled: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return candidates that were given in the unit box, shape (candidates, parameters)."""
-        low, high = self.space.bounds
-        return self.space.numbers(np.clip(low + (high - low) * scaled, low, high))
+        low, high = self._ends()
+        result = np.clip(low + (high - low) * scaled, low, high)
+        for column, dimension in enumerate(self.space.ranges):
+            if dimension.count is not None:
+                result[:, column] = dimension.coordinates(result[:, column])
+        return self.space.numbers(result)
 
-    def _asked(self, optimiser: cmaes.CMA, place: int) -> NDArray[np.float64]:
-        """Return the next candidate in the unit box; one that the space refuses is drawn again (Hansen 2016, B.5)."""
+    def _scaled(self, numbers: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where a candidate, shape (parameters,), lies in the unit box."""
+        low, high = self._ends()
+        moving = np.array([dimension.count is None for dimension in self.space.ranges])
+        return np.asarray((np.where(moving, self.space.coordinates(numbers[None, :])[0], numbers) - low) / (high - low))
+
+    def _ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what 0 and 1 in the unit box stand for: coordinates, but of a parameter with steps itself.
+
+        The library's margin wants steps of one size, so a whole number is not searched by its logarithm.
+        """
+        low, high = self.space.bounds
+        for column, dimension in enumerate(self.space.ranges):
+            if dimension.count is not None:
+                low[column] = dimension.minimum - 0.5 * dimension.step
+                high[column] = low[column] + dimension.count * dimension.step
+        return low, high
+
+    def _asked(self, optimiser: cmaes.CMA | cmaes.CMAwM, place: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the next candidate in the unit box, as it is shown and as it was drawn.
+
+        One that the space refuses is drawn again (Hansen 2016, B.5).
+        """
         for _ in range(_REDRAWS):
-            asked: NDArray[np.float64] = optimiser.ask()
-            if not self.space.refused(self._numbers(asked[None, :])).size:
-                return asked
+            asked = optimiser.ask()
+            shown, drawn = asked if isinstance(asked, tuple) else (asked, asked)
+            if not self.space.refused(self._numbers(shown[None, :])).size:
+                return shown, drawn
         # The distribution has left what can be: one that can is told to it as if it had been drawn.
-        low, high = self.space.bounds
         seed = np.random.SeedSequence(self.seed, spawn_key=(optimiser.generation, place))
-        drawn = np.array([self.space.row(uniform(self.space, np.random.default_rng(seed)))])
-        return np.asarray((self.space.coordinates(drawn)[0] - low) / (high - low))
+        drawn = self._scaled(np.array(self.space.row(uniform(self.space, np.random.default_rng(seed)))))
+        return drawn, drawn
 
-    def _optimiser(self) -> cmaes.CMA:
+    def _optimiser(self) -> cmaes.CMA | cmaes.CMAwM:
         random = np.random.default_rng(np.random.SeedSequence(self.seed))
         count = len(self.space.names)
-        return cmaes.CMA(
-            mean=random.uniform(0.0, 1.0, count),
-            sigma=self.deviation,
-            bounds=np.tile([0.0, 1.0], (count, 1)),
-            seed=int(random.integers(_LARGEST_SEED)),
-            population_size=self.population,  # None: 4 + floor(3 ln n) (eq. 48)
-        )
+        mean = random.uniform(0.0, 1.0, count)
+        bounds = np.tile([0.0, 1.0], (count, 1))
+        seed = int(random.integers(_LARGEST_SEED))
+        # None: 4 + floor(3 ln n) (eq. 48)
+        common = {"sigma": self.deviation, "seed": seed, "population_size": self.population}
+        steps = np.array([1.0 / dimension.count if dimension.count else 0.0 for dimension in self.space.ranges])
+        if not steps.any():
+            return cmaes.CMA(mean=mean, bounds=bounds, **common)
+        # CMA-ES with margin keeps trying the values beside the best one, also where the step has become far smaller
+        # than theirs (Hamano, Saito, Nomura & Shirakawa 2022).
+        bounds += 0.5 * np.column_stack((steps, -steps))
+        return cmaes.CMAwM(mean=np.clip(mean, *bounds.T), bounds=bounds, steps=steps, **common)
 
     def _tell(self, replay: _Replay, generation: Generation) -> None:
-        asked = replay.asked[-1]
+        asked = replay.drawn[-1]
         if len(generation.scores) != len(asked):
             msg = (
                 f"generation {len(replay.told)} has {len(generation.scores)} scores, {len(asked)} candidates were asked"

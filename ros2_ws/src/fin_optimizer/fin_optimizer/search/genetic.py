@@ -32,6 +32,7 @@ class Generation:
     Attributes:
         values: Shape (candidates, parameters), the parameters in the order of the space; of a choice its place.
         scores: Shape (candidates,), more is better; NaN for a candidate that has none.
+        costs: Shape (candidates,), less is better; NaN for a candidate that has none; None where nobody asks.
 
     Raises:
         ValueError: Shapes that do not fit, or an infinite score.
@@ -39,10 +40,14 @@ class Generation:
 
     values: NDArray[np.float64]
     scores: NDArray[np.float64]
+    costs: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if self.values.ndim != 2 or self.scores.shape != self.values.shape[:1]:  # noqa: PLR2004
             msg = f"scores of shape {self.scores.shape} do not fit values of shape {self.values.shape}: give one a row"
+            raise ValueError(msg)
+        if self.costs is not None and self.costs.shape != self.scores.shape:
+            msg = f"costs of shape {self.costs.shape} do not fit scores of shape {self.scores.shape}: give one a row"
             raise ValueError(msg)
         if np.isinf(self.scores).any():
             msg = (

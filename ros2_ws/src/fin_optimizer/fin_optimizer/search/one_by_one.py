@@ -71,4 +71,5 @@ class OneByOne:
 
     def _generation(self, tried: Sequence[Evaluation]) -> Generation:
         values = np.array([self.space.row(entry.values) for entry in tried])
-        return Generation(values, np.array([np.nan if entry.score is None else entry.score for entry in tried]))
+        numbers = np.array([[entry.score, entry.cost] for entry in tried], dtype=float)  # None becomes NaN
+        return Generation(values, numbers[:, 0], numbers[:, 1])

@@ -329,6 +329,7 @@ class Evaluation:
         score: How good it was, more is better; None if it could not be measured or could not be built, or is still
             being tried.
         cost: What it took, less is better; None where the study is not about it.
+        pending: Whether it is still being tried, or will be again, so that it may have a score yet.
 
     Raises:
         ValueError: A number that is not finite: what could not be measured has none.
@@ -337,6 +338,7 @@ class Evaluation:
     values: Mapping[str, Any]
     score: float | None
     cost: float | None = None
+    pending: bool = False
 
     def __post_init__(self) -> None:
         for name in ("score", "cost"):
@@ -346,7 +348,7 @@ class Evaluation:
 
 
 class Search(Protocol):
-    """What a study asks. Hill climber, genetic algorithm and CMA-ES differ only behind it."""
+    """What a study asks. What searches differ in is behind it."""
 
     @property
     def space(self) -> Space:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import contextlib
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING, Self, TextIO
 
 import optuna
@@ -257,8 +258,10 @@ class Study:
         trials = (*(trial for trial in known if trial.number != record.number), record)
         candidate = Candidate(number, record.values, tuple(sorted(trials, key=lambda trial: trial.number)))
         self._candidates[number : number + 1] = [candidate]
-        self.history[number : number + 1] = [candidate.evaluation]
-        if candidate.settled(self.settings.policy):
+        settled = candidate.settled(self.settings.policy)
+        pending = candidate.score is None and not settled
+        self.history[number : number + 1] = [replace(candidate.evaluation, pending=pending)]
+        if settled:
             self._open.discard(number)
         else:
             self._open.add(number)

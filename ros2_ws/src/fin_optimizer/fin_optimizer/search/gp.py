@@ -1,0 +1,255 @@
+"""Bayesian optimisation: a Gaussian process of all scores, and next the candidate that promises most.
+
+Jones, Schonlau & Welch, Efficient Global Optimization of Expensive Black-Box Functions, 1998, with the improvement of
+Huang et al. 2006, which knows that a swim repeated gives another score.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import minimize
+from threadpoolctl import ThreadpoolController
+
+from fin_optimizer.search.features import Features
+from fin_optimizer.search.gaussian_process import (
+    GaussianProcess,
+    Kernel,
+    Likelihood,
+    log_improvement,
+    log_improvement_with_slope,
+)
+from fin_optimizer.search.quasi_random import QuasiRandom
+from fin_optimizer.search.space import generator, uniform
+from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from fin_optimizer.search.space import Evaluation, Space, Values
+
+    Array = NDArray[np.float64]
+
+_LEAST = 3
+"""Scores without which there is nothing to model."""
+_MOST = 400
+"""Scores that are modelled: the best half of them and as many of the latest; the time grows with their cube."""
+_MOST_FOR_START = 80
+"""Scores with which the likelihood is climbed from several starts; with all it is then climbed from the best end."""
+_STARTS = 3
+_STEPS, _LAST_STEPS = 30, 12
+"""Of the climbs on the likelihood, from several starts, and from the best end with all scores."""
+_POOL = 1000
+"""Candidates drawn from the whole space, of which the most promising are climbed from."""
+_NEAR = 200
+"""Candidates drawn near the best ones."""
+_DISTANCES = (0.1, 0.01)
+"""Standard deviations of those, as shares of a range."""
+_CLIMBS = 4
+"""Candidates that are climbed from."""
+_CLIMB_STEPS = 30
+_SHARES = (1.0, 0.5, 0.25, 0.125)
+"""Of the way to the top of a climb: what is tried where the space refuses the end."""
+_ROUNDS = 3
+"""How often such a climb goes over the parameters with a limited number of values."""
+_ALTERNATIVES = 100
+"""Values of one such parameter that are looked at in a round, those next to the present one."""
+
+
+@dataclass(frozen=True)
+class GpSearch:
+    """Proposes where the expected improvement over the best fin known is largest.
+
+    The first candidates, twice as many as there are parameters and two, are spread over the space (`QuasiRandom`), as
+    are all others until three have a score. A candidate that still swims is believed to score as expected (the kriging
+    believer of Ginsbourger, Le Riche & Carraro 2010); one that has no score counts as bad as the worst that has one.
+
+    Attributes:
+        space: Where to search; ranges, steps and choices.
+        seed: Of all its random numbers, 0 or more.
+
+    Raises:
+        ValueError: A seed that cannot be.
+    """
+
+    space: Space
+    seed: int
+
+    def __post_init__(self) -> None:
+        checks.whole_number("seed", self.seed, 0)
+
+    @cached_property
+    def _features(self) -> Features:
+        return Features(self.space)
+
+    @cached_property
+    def _spread(self) -> QuasiRandom:
+        return QuasiRandom(self.space, self.seed)
+
+    @property
+    def first(self) -> int:
+        """Candidates that are spread over the space before any is modelled."""
+        return 2 * (len(self.space.names) + 1)
+
+    def needed(self, number: int) -> int:  # noqa: ARG002  (as every search)
+        """Return 0: what still swims is believed to score as expected."""
+        return 0
+
+    def propose(self, history: Sequence[Evaluation]) -> Values:
+        """Return the candidate that follows ``history``."""
+        if len(history) < self.first or sum(entry.score is not None for entry in history) < _LEAST:
+            return self._spread.propose(history)
+        # One thread: their number decides in which order sums are made, and so the last bits.
+        with _threads().limit(limits=1):
+            return self._most_promising(history, generator(self.seed, len(history)))
+
+    def _most_promising(self, history: Sequence[Evaluation], random: np.random.Generator) -> Values:
+        chosen = _chosen(history)
+        numbers = np.array([self.space.row(entry.values) for entry in history])
+        features = self._features.of(numbers)
+        raw = np.array([history[place].score for place in chosen], dtype=float)
+        scores = (raw - raw.mean()) / (raw.std() or 1.0)
+        groups = self._features.groups
+        kernel = _likely_kernel(features[chosen], scores, groups, random)
+        process = GaussianProcess(features[chosen], scores, groups, kernel)
+        failed = [place for place, entry in enumerate(history) if entry.score is None and not entry.pending]
+        pending = [place for place, entry in enumerate(history) if entry.score is None and entry.pending]
+        if others := failed[-_MOST:] + pending:
+            believed = np.full(len(others), scores.min())
+            if pending:
+                believed[-len(pending) :] = process.predict(features[pending])[0]
+            all_scores = np.concatenate((scores, believed))
+            process = GaussianProcess(features[[*chosen, *others]], all_scores, groups, kernel)
+        # The best that is surely so: mean less one deviation (Huang et al. 2006, eq. 11).
+        mean, variance = process.predict(features[chosen])
+        best = float(mean[np.argmax(mean - np.sqrt(variance))])
+        good = numbers[chosen][np.argsort(-scores, kind="stable")[:_CLIMBS]]
+        promise = _Promise(self.space, self._features, process, best)
+        return self.space.values(promise.best_of(self._pool(good, random)).tolist())
+
+    def _pool(self, good: Array, random: np.random.Generator) -> Array:
+        """Return candidates that can be, some from the whole space, some near ``good``, both of shape (n, parameters).
+
+        Raises:
+            ValueError: None of ten thousand that are drawn can be.
+        """
+        unit = self._features.unit(good)
+        anywhere = random.random((_POOL, unit.shape[1]))
+        near = [
+            unit[random.integers(len(unit), size=_NEAR)] + distance * random.standard_normal((_NEAR, unit.shape[1]))
+            for distance in _DISTANCES
+        ]
+        pool = self._features.numbers(np.clip(np.vstack([anywhere, *near]), 0.0, 1.0))
+        pool = np.delete(pool, self.space.refused(pool), axis=0)
+        return pool if len(pool) else np.array([self.space.row(uniform(self.space, random))])
+
+
+@dataclass(frozen=True)
+class _Promise:
+    """What a trial of a candidate promises, and how to find the one that promises most."""
+
+    space: Space
+    features: Features
+    process: GaussianProcess
+    best: float
+
+    def of(self, numbers: Array) -> Array:
+        """Return the logarithm of the expected improvement by candidates of shape (n, parameters)."""
+        mean, variance = self.process.predict(self.features.of(numbers))
+        return log_improvement(mean, variance, self.best, self.process.kernel.noise)
+
+    def best_of(self, pool: Array) -> Array:
+        """Return the candidate that promises most, found by climbing from the most promising ones of the pool."""
+        starts = pool[np.argsort(-self.of(pool), kind="stable")[:_CLIMBS]]
+        ends = np.array([self._climbed(start) for start in starts])
+        return np.asarray(ends[int(np.argmax(self.of(ends)))])
+
+    def _climbed(self, start: Array) -> Array:
+        for _ in range(_ROUNDS):
+            end = self._switched(self._moved(start))
+            if np.array_equal(end, start) or not any(self.features.counts):
+                return end
+            start = end
+        return start
+
+    def _moved(self, start: Array) -> Array:
+        """Return where the parameters that take any value of a range lead, as far as the space does not refuse it."""
+        moving, columns = self.features.moving, self.features.columns
+        if not moving:
+            return start
+        point = self.features.of(start[None, :])[0]
+
+        def downhill(places: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+            point[columns] = places
+            value, slope = log_improvement_with_slope(
+                *self.process.predict_with_slope(point), self.best, self.process.kernel.noise
+            )
+            return -value, -slope[columns]
+
+        unit = self.features.unit(start[None, :])
+        found = minimize(
+            downhill,
+            unit[0, moving],
+            jac=True,
+            method="L-BFGS-B",
+            bounds=[(0.0, 1.0)] * len(moving),
+            options={"maxiter": _CLIMB_STEPS},
+        )
+        way = np.zeros_like(unit)
+        way[0, moving] = found.x - unit[0, moving]
+        for share in _SHARES:
+            end = self.features.numbers(unit + share * way)
+            if not self.space.refused(end).size:
+                return np.asarray(end[0])
+        return start
+
+    def _switched(self, start: Array) -> Array:
+        """Return the best found by changing the parameters with a limited number of values, one after another."""
+        for place, count in enumerate(self.features.counts):
+            if count:
+                values = self.features.alternatives(place, float(start[place]), _ALTERNATIVES)
+                others = np.tile(start, (len(values), 1))
+                others[:, place] = values
+                others = np.vstack((start, np.delete(others, self.space.refused(others), axis=0)))
+                start = others[int(np.argmax(self.of(others)))]
+        return start
+
+
+def _chosen(history: Sequence[Evaluation]) -> list[int]:
+    """Return the places of the scored candidates that are modelled, in order: all, or the best ones and the latest."""
+    scored = [place for place, entry in enumerate(history) if entry.score is not None]
+    if len(scored) <= _MOST:
+        return scored
+    latest = scored[-_MOST // 2 :]
+    scores = np.array([history[place].score for place in scored[: -_MOST // 2]], dtype=float)
+    best = np.argsort(-scores, kind="stable")[: _MOST - len(latest)]
+    return sorted(scored[place] for place in best) + latest
+
+
+def _likely_kernel(features: Array, scores: Array, groups: NDArray[np.intp], random: np.random.Generator) -> Kernel:
+    """Return the most likely kernel that is found."""
+    few = np.arange(len(scores))
+    if len(scores) > _MOST_FOR_START:
+        best = np.argsort(-scores, kind="stable")[: _MOST_FOR_START // 2]
+        others = np.setdiff1d(np.arange(len(scores)), best)
+        drawn = random.choice(others, _MOST_FOR_START - len(best), replace=False)
+        few = np.sort(np.concatenate((best, drawn)))
+    first = Likelihood(features[few], scores[few], groups)
+    low, high = np.array(first.bounds).T
+    spread = 2.0 * random.standard_normal((_STARTS - 1, len(low)))
+    starts = [first.start, *np.clip(first.start + spread, low, high)]
+    found = first.best(starts, _STEPS)
+    if len(scores) > _MOST_FOR_START:
+        found = Likelihood(features, scores, groups).best([found], _LAST_STEPS)
+    return Kernel.of_logarithms(found)
+
+
+@cache
+def _threads() -> ThreadpoolController:
+    """Return what limits the threads of linear algebra; to find its libraries takes longer than to use it."""
+    return ThreadpoolController()

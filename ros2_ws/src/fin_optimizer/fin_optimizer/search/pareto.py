@@ -1,0 +1,76 @@
+"""What is good in several respects: fronts of candidates of which none is better than another in all of them."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+_PLANE = 2
+
+
+def ranks(objectives: Array) -> NDArray[np.intp]:
+    """Return the front of each point, shape (n,): 0 for those that none dominates, 1 for those that only these do, ...
+
+    A point dominates another if it is nowhere worse and somewhere better. Equal points are of the same front.
+
+    Args:
+        objectives: Shape (n, objectives), each to be small; finite.
+    """
+    return _plane_ranks(objectives) if objectives.shape[1] == _PLANE else _general_ranks(objectives)
+
+
+def _plane_ranks(objectives: Array) -> NDArray[np.intp]:
+    """Return the fronts of points with two objectives in one pass over the sorted ones (Jensen 2003, algorithm 2)."""
+    result = np.empty(len(objectives), dtype=np.intp)
+    least: list[float] = []  # of each front the second objective of its last point; grows from front to front
+    before: tuple[float, ...] = ()
+    front = 0
+    order = np.lexsort((objectives[:, 1], objectives[:, 0]))
+    for place, point in zip(order, map(tuple, objectives[order].tolist()), strict=True):
+        if point != before:
+            front = bisect_right(least, point[1])  # those before have a last point that dominates this one
+            least[front : front + 1] = [point[1]]
+            before = point
+        result[place] = front
+    return result
+
+
+def _general_ranks(objectives: Array) -> NDArray[np.intp]:
+    """Return the fronts by taking one after the other away (Deb et al. 2002, fast non-dominated sorting)."""
+    result = np.empty(len(objectives), dtype=np.intp)
+    no_worse = (objectives[:, None, :] <= objectives[None, :, :]).all(axis=2)
+    dominates = no_worse & ~no_worse.T
+    dominating = dominates.sum(axis=0)
+    left = np.ones(len(objectives), dtype=bool)
+    front = 0
+    while left.any():
+        taken = left & (dominating == 0)
+        result[taken] = front
+        dominating -= dominates[taken].sum(axis=0)
+        left &= ~taken
+        front += 1
+    return result
+
+
+def crowding(objectives: Array) -> Array:
+    """Return how far the neighbours of each point of a front are apart, shape (n,); infinity for its ends.
+
+    Deb et al. 2002, crowding distance: the sides of the box between both neighbours, as shares of the front's width.
+    """
+    count, sides = objectives.shape
+    result = np.zeros(count)
+    for side in range(sides):
+        order = np.argsort(objectives[:, side], kind="stable")
+        column = objectives[order, side]
+        result[order[[0, -1]]] = np.inf
+        width = column[-1] - column[0]
+        if width > 0.0:
+            result[order[1:-1]] += (column[2:] - column[:-2]) / width
+    return result
