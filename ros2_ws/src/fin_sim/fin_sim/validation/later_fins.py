@@ -51,6 +51,7 @@ _HARMONICS = (1, 3, 5, 7)  # the actuator's angle repeats itself with the other 
 _STEP, _EVERY = 1e-3, 10
 _DURATION, _MEASURED, _RAMP = 18.0, 8.0, 0.5  # s
 # Assumed beside the printed torque: an actuator that loses half of it at 10 rad/s, and gives all of it 6 degrees off.
+# It has no stop, so it swings beyond the angle that it follows.
 _MOTOR = Motor(TORQUE, no_load_speed=20.0, gain=10.0, derivative_time=0.0, time_constant=0.02)
 
 
@@ -233,7 +234,7 @@ def section(data: Path) -> Section:
         composite: (as_composite, fish),
         "the same, C_N by amplitude": (as_composite, plates),
         "the same, twice the drag area": (as_composite, draggy),
-        f"the same, torque of {1e6 * TORQUE:g} uN m at most": (as_composite, replace(fish, motor=_MOTOR)),
+        f"the same, by a motor of {1e6 * TORQUE:g} uN m that overshoots": (as_composite, replace(fish, motor=_MOTOR)),
         "E of 10 MPa": (lambda of: _fin(of, 10e6), fish),
         "E of 3 MPa": (lambda of: _fin(of, 3e6), fish),
         "sheet of the printed K, l the fin's length": (as_sheet, fish),
