@@ -18,7 +18,9 @@ from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_me
 from fin_plant.plant_state import EMERGENCY, State
 from fin_sim import simulator as simulator_node
 from fin_sim.fish import Water
+from fin_sim.motor import Motor
 from fin_sim.swim import PAPER_FISH, swim
+from support.paper_fish import FIN
 from support.plant_tester import PlantTester
 
 if TYPE_CHECKING:
@@ -115,6 +117,20 @@ def test_drag_by_amplitude_and_a_current_swim_as_in_the_command(fish: PlantTeste
     expected = swim(Fin(), replace(PAPER_FISH, water=water), PAPER_GAIT, 3.0)
     assert [m.twist.linear.x for m in velocity] == pytest.approx(expected.surge, abs=2e-5)
     assert [m.twist.linear.y for m in velocity] == pytest.approx(expected.sway, abs=2e-5)
+
+
+def test_a_weak_servo_swims_as_in_the_command_and_joint_states_tell_where_it_really_is(fish: PlantTester) -> None:
+    motor = Motor(3e-4, 7.0, 10.0, 0.02, 0.02)
+    given = FIN.as_parameters() | {f"servo.{name}": value for name, value in vars(motor).items()}
+    assert fish.set_parameters({**QUICK, **given}).successful
+    since = fish.swim(PAPER_GAIT, seconds=3.0)
+    joints = [m for m in fish.received(topics.JOINT_STATES) if nanoseconds_of(m.header.stamp) >= since][:301]
+    expected = swim(FIN, replace(PAPER_FISH, motor=motor), PAPER_GAIT, 3.0, sample_time=0.01)
+    assert [m.position[0] for m in joints] == pytest.approx(expected.joint_angles[:, 0], abs=1e-6)
+    assert [m.velocity[0] for m in joints] == pytest.approx(expected.joint_rates[:, 0], abs=1e-5)
+    assert [m.effort[0] for m in joints] == pytest.approx(expected.joint_torques[:, 0], abs=1e-8)
+    commanded = math.radians(15.0) * np.sin(2.0 * math.pi * 0.9 * expected.time)
+    assert np.abs(expected.joint_angles[100:, 0] - commanded[100:]).max() > 0.03
 
 
 def test_a_swim_repeats_bit_for_bit_after_a_reset(fish: PlantTester) -> None:

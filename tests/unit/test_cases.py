@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,14 @@ import numpy as np
 import pytest
 
 from fin_sim import case as case_files
+from fin_sim.motor import Motor
+from fin_sim.swim import swim_chain
 from fin_sim.validation import reference
 
 CASES = sorted((Path(__file__).parents[1] / "data" / "cases").glob("*.json"))
+
+
+SERVO = {"stall_torque": 5e-5, "no_load_speed": 7.0, "gain": 10.0, "derivative_time": 0.02, "time_constant": 0.02}
 
 
 @pytest.fixture(name="content")
@@ -36,6 +42,21 @@ def test_case_agrees_with_the_reference_solver(path: Path) -> None:
 
 def test_case_may_stand_alone(content: dict[str, Any]) -> None:
     assert case_files.parse_case(content["case"]) == case_files.parse_case(content)
+
+
+def test_a_case_may_have_a_current_a_drag_by_amplitude_and_a_servo(content: dict[str, Any]) -> None:
+    case = {**content["case"], "oscillating_drag": 8.0, "current_x": 0.02, "current_y": -0.03, "servo": SERVO}
+    more = case_files.parse_case({"case": {**case, "duration": 2.0}})
+    plain = case_files.parse_case({"case": {**content["case"], "duration": 2.0}})
+    water = replace(plain.chain.water, oscillating_drag=8.0, current_x=0.02, current_y=-0.03)
+    chain = replace(plain.chain, water=water, motor=Motor(**SERVO))
+    assert more.chain == chain
+    swum = more.swim()
+    again = swim_chain(chain, plain.gait, 2.0, ramp_time=plain.ramp_time)
+    assert swum.y[-1] == pytest.approx(again.y[-1], rel=1e-6)
+    still = plain.swim()
+    assert swum.y[-1] - still.y[-1] == pytest.approx(-0.06, abs=0.02)
+    assert np.abs(swum.joint_angles[:, 0]).max() < 0.95 * np.abs(still.joint_angles[:, 0]).max()
 
 
 def test_trajectory_file_has_the_reference_columns(content: dict[str, Any], tmp_path: Path) -> None:
@@ -75,6 +96,12 @@ def _with(content: dict[str, Any], *keys: object, value: object) -> dict[str, An
         (("ramp",), "soon", "case ramp"),
         (("rho",), 0.0, "case rho"),
         (("normal_drag",), -1.0, "case normal_drag"),
+        (("oscillating_drag",), -1.0, "case oscillating_drag = -1"),
+        (("current_x",), "slow", "case current_x"),
+        (("current_y",), float("nan"), "case current_y"),
+        (("servo",), {"stall_torque": 0.3}, "case servo lacks derivative_time, gain, no_load_speed, time_constant"),
+        (("servo",), {**SERVO, "gain": 0.0}, "case servo: servo.gain = 0"),
+        (("servo",), {**SERVO, "gian": 1.0}, "case servo has unknown gian"),
         (("reactive",), "none", "reactive"),
         (("clamp",), "loose", "clamp"),
         (("clamp",), {"tow": float("inf")}, "case clamp tow"),

@@ -1,8 +1,10 @@
 """Case files: one swim with every parameter written out, as JSON, so that another solver can repeat it.
 
-The file holds an object ``case``: ``rho`` and ``normal_drag`` (water), ``body`` and ``links`` with the attributes of
-`Body` and `Link`, ``joints`` (each ``{"drive": {amplitude, frequency, phase, bias}}`` or ``{"passive": true}``),
-``ramp`` and ``duration`` in s, ``clamp`` (``free``, ``fixed`` or ``{"tow": m/s}``) and ``reactive``. SI units, radians.
+The file holds an object ``case``: the attributes of `Water`, its density as ``rho``, of which all but ``rho`` and
+``normal_drag`` may be left out; ``body``, ``links`` and, where the servos are not ideal, ``servo`` with the attributes
+of `Body`, `Link` and `Motor`; ``joints`` (each ``{"drive": {amplitude, frequency, phase, bias}}`` or
+``{"passive": true}``), ``ramp`` and ``duration`` in s, ``clamp`` (``free``, ``fixed`` or ``{"tow": m/s}``) and
+``reactive``. SI units, radians.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from fin_plant import checks, json_file
 from fin_plant.gait import Gait, JointDrive
 from fin_sim.chain import Chain
 from fin_sim.fish import Body, Link, Water
+from fin_sim.motor import Motor
 from fin_sim.swim import LONGEST, SHORTEST, swim_chain
 
 if TYPE_CHECKING:
@@ -24,9 +27,12 @@ if TYPE_CHECKING:
 
     from fin_sim.swim_result import Swim
 
-ValueT = TypeVar("ValueT", Body, Link, JointDrive)
+ValueT = TypeVar("ValueT", Body, Link, JointDrive, Motor)
 
-_KEYS = {"rho", "normal_drag", "body", "links", "joints", "ramp", "duration", "clamp", "reactive"}
+_REQUIRED = {"rho", "normal_drag", "body", "links", "joints", "ramp", "duration", "clamp", "reactive"}
+_WATER = {"rho" if item.name == "density" else item.name: item.name for item in fields(Water)}
+"""The water's attributes by the keys of a case."""
+_KEYS = {*_REQUIRED, *_WATER, "servo"}
 _MEANS_OVER = 2
 # Intervals of a trajectory file; a held fish is sampled finer, since its forces are what is asked of it.
 _FREE_ROWS, _HELD_ROWS = 200, 800
@@ -114,6 +120,18 @@ def _link(where: str, value: object) -> Link:
     return _build(Link, where, {**value, "profile": tuple(profile)})
 
 
+def _water(case: dict[str, Any]) -> Water:
+    """Return the water; a refusal names the key of the case."""
+    values = {name: checks.number(f"case {key}", case[key]) for key, name in _WATER.items() if key in case}
+    try:
+        return Water(**values)
+    except ValueError as error:
+        message = str(error)
+        for key, name in _WATER.items():
+            message = message.replace(f"water.{name} ", f"case {key} ")
+        raise ValueError(message) from None
+
+
 def parse_case(content: object) -> Case:
     """Return the case of a parsed JSON file, or of its ``case`` object alone.
 
@@ -121,7 +139,7 @@ def parse_case(content: object) -> Case:
         ValueError: A key that is missing or unknown, or a value that is refused.
     """
     case = content["case"] if isinstance(content, dict) and "case" in content else content
-    case = _object("case", case, _KEYS, _KEYS)
+    case = _object("case", case, _KEYS, _REQUIRED)
     links = tuple(_link(f"link {i}", item) for i, item in enumerate(_array("case links", case["links"]), 1))
     driven, drives = [], []
     for number, item in enumerate(_array("case joints", case["joints"]), start=1):
@@ -143,13 +161,11 @@ def parse_case(content: object) -> Case:
         body=_build(Body, "case body", case["body"]),
         links=links,
         driven=tuple(driven),
-        water=Water(
-            checks.number("case rho", case["rho"], 0.0, unit="kg/m^3", exclusive_minimum=True),
-            checks.number("case normal_drag", case["normal_drag"], 0.0),
-        ),
+        water=_water(case),
         reactive=case["reactive"],
         clamp=clamp,
         tow_speed=checks.number("case clamp tow", tow_speed, unit="m/s"),
+        motor=_build(Motor, "case servo", case["servo"]) if "servo" in case else None,
     )
     return Case(
         chain=chain,

@@ -58,8 +58,9 @@ if TYPE_CHECKING:
 BODY_STATES = 6
 X, Y, HEADING, SURGE, SWAY, YAW_RATE = range(BODY_STATES)
 # What the kernel notes down beside a state: force of the water on the tail in tank axes, its convective and resistive
-# part alone, mechanical power of the servos; then the torque of each joint.
-FORCE_X, FORCE_Y, CONVECTIVE_X, CONVECTIVE_Y, SERVO_POWER, RECORD_HEAD = range(6)
+# part alone, mechanical power of the servos at their shafts, electrical power of those with a motor; then the torque
+# of each joint, of a motor's what its rotor leaves for the shaft.
+FORCE_X, FORCE_Y, CONVECTIVE_X, CONVECTIVE_Y, SERVO_POWER, ELECTRICAL_POWER, RECORD_HEAD = range(7)
 # Scratch of one link: sine and cosine of its angle, velocity of its joint, yaw rate; coupling of its articulated
 # inertia between force and turning (2), articulated moment of inertia, bias moment, torque of a joint that is free.
 SCRATCH_COLUMNS = 10
@@ -264,7 +265,7 @@ def evaluate(
 
     # Outward: accelerations of the joints, torques, and the reaction of the water.
     ax, ay, bend = du + kx, dv + ky - offset * dr, dr
-    force_x, force_y, power = total_cx, total_cy, 0.0
+    force_x, force_y, power, electrical_power = total_cx, total_cy, 0.0, 0.0
     for k in range(count):
         sine, cosine, turn = scratch[k, 0], scratch[k, 1], scratch[k, 4]
         hx, hy, it, pt = scratch[k, 5], scratch[k, 6], scratch[k, 7], scratch[k, 8]
@@ -274,9 +275,11 @@ def evaluate(
             torque = hx * ax + hy * ay + it * (bend + relative) + pt
             power += torque * rate
         else:
-            torque = scratch[k, 9]
-            relative = (torque - pt - hx * ax - hy * ay - it * bend) / (it + links[k, ROTOR])
+            torque, rotor = scratch[k, 9], links[k, ROTOR]
+            relative = (torque - pt - hx * ax - hy * ay - it * bend) / (it + rotor)
             if links[k, STALL_TORQUE] > 0.0:
+                electrical_power += torque * (rate + torque / links[k, BACK_EMF])
+                torque -= rotor * relative
                 power += torque * rate
         bend += relative
         derivative[BODY_STATES + k] = rate
@@ -295,7 +298,7 @@ def evaluate(
     record[FORCE_Y] = force_x * heading_sine + force_y * heading_cosine
     record[CONVECTIVE_X] = total_cx * heading_cosine - total_cy * heading_sine
     record[CONVECTIVE_Y] = total_cx * heading_sine + total_cy * heading_cosine
-    record[SERVO_POWER] = power
+    record[SERVO_POWER], record[ELECTRICAL_POWER] = power, electrical_power
 
 
 def propagator(chain: Chain, step: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

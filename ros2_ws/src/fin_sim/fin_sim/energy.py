@@ -29,8 +29,8 @@ class EnergyBudget:
     the water and the tail's own mass take up and give back within a beat.
 
     Attributes:
-        stored: Kinetic energy of body, tail, rotors and the water they carry, and of the hinges' springs, J.
-        servo: Mechanical power of the servos, W.
+        stored: Kinetic energy of body, tail and the water they carry, and of the hinges' springs, J.
+        servo: Mechanical power of the servos at their shafts, W.
         tow: Power of what tows the body against the convective and resistive force, W; of a free or fixed one 0.
         wake: 1/2 m w^2 (v.e) at the trailing edge, energy left in the wake, W (Lighthill 1971, eq. 5).
         resistive: Loss to the resistive force, W.
@@ -85,7 +85,6 @@ def energy_budget(swim: Swim) -> EnergyBudget:
             - 2.0 * (row[tables.VIRTUAL_1] + row[tables.SOLID_1]) * normal * turn
             + (row[tables.VIRTUAL_2] + row[tables.SOLID_2]) * turn**2
             + row[tables.SOLID_0] * along**2
-            + row[tables.ROTOR] * swim.joint_rates[:, index] ** 2
             + row[tables.STIFFNESS] * swim.joint_angles[:, index] ** 2
         )
         dampers += row[tables.DAMPING] * swim.joint_rates[:, index] ** 2

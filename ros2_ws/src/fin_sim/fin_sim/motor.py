@@ -6,14 +6,15 @@ lets through, the torque and the power drawn from the supply
     torque = stall_torque (u - rate / no_load_speed),   power = u no_load_speed torque
                                                               = torque rate + torque^2 no_load_speed / stall_torque
 
-with the mechanical power and the windings' heat in the second line (Hughes & Drury, *Electric Motors and Drives*, 2013,
-section 3.4, without inductance and friction). The controller gives duty in proportion to the error of the angle,
-up to the whole voltage either way,
+with the motor's mechanical power and its windings' heat in the second line; driven backwards it may give power back
+(Hughes & Drury, *Electric Motors and Drives*, 2013, chapter 3; without inductance and friction). The controller gives
+duty in proportion to the error of the angle, up to the whole voltage either way,
 
     u = gain (e + derivative_time de/dt) between -1 and 1,   e = target - angle.
 
 The rotor turns many times as fast as the joint: its inertia there is stall_torque time_constant / no_load_speed, with
-the time in which the servo alone comes to 63 % of its no-load speed. It acts on the joint's own acceleration only.
+the time in which the servo alone comes to 63 % of its no-load speed. It acts on the joint's own acceleration only, and
+takes its torque before the shaft: what a joint's torque and the servos' mechanical power tell is what is left there.
 """
 
 from __future__ import annotations
@@ -27,8 +28,6 @@ from fin_plant import checks
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
-    from numpy.typing import NDArray
 
 # The servo's fastest motion takes so many steps of the classical Runge-Kutta method: the error of one is 1e-5.
 _LARGEST_STEP = 0.25
@@ -103,10 +102,3 @@ class Motor:
         rest = 0.25 * damping**2 - stiffness
         fastest = 0.5 * damping + math.sqrt(rest) if rest > 0.0 else math.sqrt(stiffness)
         return _LARGEST_STEP / fastest
-
-    def electrical_power(self, torque: NDArray[np.float64], rate: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what a servo draws, W, from its torque, N m, and its joint's rate, rad/s; all of one shape.
-
-        Below 0 where it is driven backwards faster than its voltage asks for, and gives power back.
-        """
-        return torque * (rate + torque / self.back_emf)

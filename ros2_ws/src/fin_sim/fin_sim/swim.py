@@ -27,6 +27,8 @@ STEP = 1e-3
 IDEAL_SERVO = Servo()
 SAMPLE_TIME = 1e-2
 """Time between two samples in s, where the tail does not beat faster than 2.5 Hz."""
+MOTOR_SAMPLE_TIME = 2.5e-3
+"""The same where servos have a motor, whose power has kinks: its mean is then right to 0.1 %."""
 _SAMPLES_A_BEAT = 40
 _STEPS_A_BEAT, _STEPS_A_RAMP = 400.0, 40.0
 SHORTEST, LONGEST = 1e-6, 1e5
@@ -37,10 +39,11 @@ _LARGEST_SWIM = 10_000_000
 _SHORTER_STEPS = 2
 
 
-def _default_sample_time(gait: Gait, duration: float) -> float:
-    """Return `SAMPLE_TIME` or, where that is shorter, a fortieth of the fastest beat or the whole swim, s."""
+def _default_sample_time(chain: Chain, gait: Gait, duration: float) -> float:
+    """Return the chain's sample time or, where that is shorter, a fortieth of the fastest beat or the whole swim, s."""
+    own = MOTOR_SAMPLE_TIME if chain.motor else SAMPLE_TIME
     fastest = max(joint.frequency for joint in gait.joints)
-    return min(SAMPLE_TIME, duration, 1.0 / (_SAMPLES_A_BEAT * fastest) if fastest > 0.0 else SAMPLE_TIME)
+    return min(own, duration, 1.0 / (_SAMPLES_A_BEAT * fastest) if fastest > 0.0 else own)
 
 
 def _longest_step(gait: Gait, ramp_time: float) -> float:
@@ -82,7 +85,7 @@ def swim_chain(
     """
     duration = checks.number("duration", duration, SHORTEST, LONGEST, unit="s")
     if sample_time is None:
-        sample_time = _default_sample_time(gait, duration)
+        sample_time = _default_sample_time(chain, gait, duration)
     sample_time = checks.number("sample_time", sample_time, 0.0, duration, unit="s", exclusive_minimum=True)
     step = min(checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True), chain.longest_step)
     _refuse_too_many_steps(len(chain.links), duration, min(step, sample_time))
@@ -114,6 +117,7 @@ def swim_chain(
         joint_rates=states[:, first + links :],
         joint_torques=records[:, dynamics.RECORD_HEAD :],
         servo_power=records[:, dynamics.SERVO_POWER],
+        electrical_power=records[:, dynamics.ELECTRICAL_POWER],
         force=records[:, [dynamics.FORCE_X, dynamics.FORCE_Y]],
         convective_force=records[:, [dynamics.CONVECTIVE_X, dynamics.CONVECTIVE_Y]],
     )
@@ -148,7 +152,8 @@ def swim(
         ramp_time: Time in which the gait starts, s.
         step: Longest time step, s; shortened to divide the sample time, for a beat faster than 2.5 Hz or a ramp
             shorter than 40 ms, and where it proves too long for the fin.
-        sample_time: Time between two samples, s; where none is given `SAMPLE_TIME`, or a fortieth of a faster beat.
+        sample_time: Time between two samples, s; where none is given `SAMPLE_TIME`, with a motor `MOTOR_SAMPLE_TIME`,
+            or a fortieth of a faster beat.
 
     Raises:
         ValueError: An argument that is refused; the message names it.
@@ -162,5 +167,5 @@ def swim(
                 chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time
             )
         except dynamics.StepError:
-            step = 0.25 * min(step, sample_time or _default_sample_time(gait, duration))
+            step = 0.25 * min(step, sample_time or _default_sample_time(chain, gait, duration))
     return swim_chain(chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time)

@@ -72,9 +72,10 @@ class Swim:
         yaw_rate: rad/s, shape (S,).
         joint_angles: rad, shape (S, N).
         joint_rates: rad/s, shape (S, N).
-        joint_torques: Servo's or spring's and damper's, N m, shape (S, N); a servo's motor's, its rotor's inertia not
-            taken off.
-        servo_power: Mechanical power of all servos, W, shape (S,); of their motors, the rotors' acceleration included.
+        joint_torques: Servo's at its shaft, or spring's and damper's, N m, shape (S, N).
+        servo_power: Mechanical power of all servos at their shafts, W, shape (S,).
+        electrical_power: What all servos draw from their supply, W, shape (S,); below 0 where they give back. Of ideal
+            servos 0: they tell none.
         force: Of the water on the tail in tank axes, N, shape (S, 2), its inertial reaction included.
         convective_force: The same without the reaction: convective and resistive part, N, shape (S, 2).
     """
@@ -95,6 +96,7 @@ class Swim:
     joint_rates: NDArray[np.float64]
     joint_torques: NDArray[np.float64]
     servo_power: NDArray[np.float64]
+    electrical_power: NDArray[np.float64]
     force: NDArray[np.float64]
     convective_force: NDArray[np.float64]
 
@@ -190,28 +192,15 @@ class Swim:
         return self.beat_mean(self.servo_power)
 
     @cached_property
-    def electrical_power(self) -> NDArray[np.float64]:
-        """What all servos draw from their supply, W, shape (S,); below 0 where they give back, see `Motor`.
-
-        Raises:
-            ValueError: The servos are ideal, without a motor.
-        """
-        motor, driven = self.chain.motor, np.array(self.chain.driven)
-        if motor is None:
-            msg = "servo.stall_torque = 0 N m, an ideal servo: electrical power needs servos with a motor"
-            raise ValueError(msg)
-        power: NDArray[np.float64] = motor.electrical_power(
-            self.joint_torques[:, driven], self.joint_rates[:, driven]
-        ).sum(axis=1)
-        return power
-
-    @cached_property
     def mean_electrical_power(self) -> float:
         """Mean of `electrical_power` over the last whole beats, W.
 
         Raises:
-            ValueError: As for `electrical_power`.
+            ValueError: The servos are ideal, without a motor.
         """
+        if self.chain.motor is None:
+            msg = "servo.stall_torque = 0 N m, an ideal servo: electrical power needs servos with a motor"
+            raise ValueError(msg)
         return self.beat_mean(self.electrical_power)
 
     @cached_property

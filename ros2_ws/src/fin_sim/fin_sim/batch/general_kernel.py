@@ -47,7 +47,7 @@ def _general_figures(task: Task, fin: Fin, steps: int) -> NDArray[np.float64]:
         "mean_forward_speed": weights @ swum.surge,
         "thrust": weights @ np.sum(swum.convective_force * forward, axis=1),
         "servo_power": weights @ swum.servo_power,
-        "electrical_power": weights @ swum.electrical_power if has_motor else 0.0,
+        "electrical_power": weights @ swum.electrical_power,
         "servo_torque": np.abs(driven).max(initial=0.0) if has_motor else 0.0,
         "x": swum.x[-1],
         "y": swum.y[-1],

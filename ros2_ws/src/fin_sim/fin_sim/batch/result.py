@@ -50,7 +50,8 @@ class BatchSwim:
         servo_power: Mean over the window of the servos' mechanical power, W, shape (n,).
         electrical_power: Mean over the window of what the servos draw from their supply, W, shape (n,); NaN of ideal
             servos, which tell none.
-        servo_torque: Largest torque of any servo's motor after the gait's ramp, N m, shape (n,); NaN of ideal servos.
+        servo_torque: Largest torque at the shaft of any servo after the gait's ramp, N m, shape (n,); NaN of ideal
+            servos.
         x: Where the swim ended, m, shape (n,).
         y: Where the swim ended, m, shape (n,).
         heading: At the end, rad, shape (n,).
