@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import sys
 import time
 from enum import Enum
@@ -21,23 +20,21 @@ from fin_optimizer.bags.repair import repair_bags
 from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.progress import display, show_best
-from fin_optimizer.study import report
-from fin_optimizer.study.candidate import front, is_for_another
-from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
+from fin_optimizer.study import final_report
+from fin_optimizer.study.candidate import is_for_another
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.study.pictures import draw_study
 from fin_optimizer.study.provenance import provenance
+from fin_optimizer.study.report import CSV_FILE
 from fin_optimizer.study.resume_check import check_scores
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.swimmer import Conditions, Swimmer
-from fin_optimizer.words import show_speed, show_values
+from fin_optimizer.words import counted, near
 from fin_plant import node_process, topics
 from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-    from pathlib import Path
+    from collections.abc import Callable
 
     from rclpy.publisher import Publisher
 
@@ -121,9 +118,9 @@ class Optimizer:
         self.node.create_service(Trigger, "~/stop", self._on_stop)
 
     def _greet(self) -> None:
-        self._display.say(f"study {_near(self._study.folder)}: {_count(self._total, 'fin')}, seed {self._plan.seed}")
+        self._display.say(f"study {near(self._study.folder)}: {counted(self._total, 'fin')}, seed {self._plan.seed}")
         if done := len(self._study.trials):
-            self._display.say(f"going on after {_count(done, 'trial')}, {show_best(self._study.best())}")
+            self._display.say(f"going on after {counted(done, 'trial')}, {show_best(self._study.best())}")
             for repair in repair_bags(self._study.folder, or_nothing=True):
                 self._display.say(f"note: {repair}")
             for note in check_scores(self._study.folder, self._study.trials):
@@ -333,7 +330,7 @@ class Optimizer:
 
     def _progress_status(self, name: str) -> DiagnosticStatus:
         level = DiagnosticStatus.WARN if self._failures_in_a_row else DiagnosticStatus.OK
-        message = f"{self._study.settled()} of {_count(self._total, 'fin')}, {show_best(self._study.best())}"
+        message = f"{self._study.settled()} of {counted(self._total, 'fin')}, {show_best(self._study.best())}"
         return DiagnosticStatus(level=level, name=name, message=message, values=key_values(self._progress_values()))
 
     def _publish_progress(self) -> None:
@@ -351,54 +348,12 @@ class Optimizer:
         self._mode = Mode.DONE
         self._publish_progress()
         self._display.close()
-        self._write_report()
-        best = self._study.best()
-        if best is not None and best.score is not None:
-            words = f"{show_values(best.values)} swims {show_speed(best.score)}"
-            self._display.say(f"best of {self._swum()}: {words}")
-            self._say_front()
-        else:
-            self._display.say("no trial gave a score")
+        for line in [*final_report.write_report(self._study), *final_report.findings(self._study)]:
+            self._display.say(line)
+        if self._study.best() is None:
             code = code or node_process.EXIT_FAILURE
-        self._display.say(f"results: {_near(self._study.folder)}/ ({', '.join(self._results())})")
         if self._plan.exit_when_done:
             self._exit_code = code
-
-    def _swum(self) -> str:
-        """Return how much was swum: trials, and fins where some were swum more often or have no score."""
-        trials = sum(trial.score is not None for trial in self._study.trials)
-        tried = self._study.candidates
-        fins = sum(fin.score is not None for fin in tried)
-        swum = _count(trials, "trial") if fins == trials else f"{_count(fins, 'fin')} in {_count(trials, 'trial')}"
-        return swum if fins == len(tried) else f"{swum} ({_count(len(tried) - fins, 'fin')} without a score)"
-
-    def _say_front(self) -> None:
-        """Name the fins of the Pareto front, where two objectives are asked for."""
-        if self._plan.wants_cost:
-            chosen = front(self._study.candidates)
-            self._display.say(f"Pareto front of speed and energy per metre ({len(chosen)} fins):")
-            for fin in chosen:
-                words = f"{show_values(fin.values)}: {show_speed(fin.score or 0.0)}, {fin.cost:.4g} J/m"
-                self._display.say(f"  {words}")
-
-    def _results(self) -> Sequence[str]:
-        names = (report.CSV_FILE, FIGURE_FILE, FRONT_FILE, "journal.log", "bags")
-        return [name for name in names if (self._study.folder / name).exists()]
-
-    def _write_report(self) -> None:
-        """Write table and figures; they can be made again any time, so what cannot be written is told and no more."""
-        folder, study = self._study.folder, self._study
-        try:
-            self._write_table()
-        except OSError as error:
-            self._display.say(f"error: the report in {folder} cannot be written: {error.strerror or error}")
-        if study.best() is None:
-            return
-        for failure in draw_study(folder / FIGURE_FILE, study.settings, study.trials, study.fish)[1]:
-            self._display.say(f"warning: {failure}")
-
-    def _write_table(self) -> None:
-        report.write_table(self._study.folder / report.CSV_FILE, self._study.trials, self._study.settings)
 
     def finished(self) -> int | None:
         """Return the exit code once the study is done."""
@@ -428,27 +383,14 @@ class Optimizer:
 
     def _write_last_table(self) -> None:
         try:
-            self._write_table()
+            final_report.write_table(self._study)
         except OSError as error:
-            self._display.say(f"error: {report.CSV_FILE} cannot be written: {error.strerror or error}")
+            self._display.say(f"error: {CSV_FILE} cannot be written: {error.strerror or error}")
 
     def _say_how_to_go_on(self) -> None:
         if self._mode is not Mode.DONE:
-            trials, folder = _count(len(self._study.trials), "trial"), _near(self._study.folder)
-            self._display.say(
-                f"stopped after {trials}, all in the journal; go on with study_folder:={folder} and what else was given"
-            )
-            if self._study.best() is not None:
-                self._display.say(f"its picture is drawn by `show_study {folder} --plot` of fin_optimizer")
-
-
-def _count(number: int, thing: str) -> str:
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
-def _near(folder: Path) -> str:
-    """Return the folder as seen from the current directory, where that is shorter."""
-    return min(str(folder), os.path.relpath(folder), key=len)
+            for line in final_report.how_to_go_on(self._study):
+                self._display.say(line)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 from fin_plant.fin import FIN_PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
 MODULUS = "fin.young_modulus"
 # Symbol or word, factor to SI and unit in which a laboratory speaks of a parameter.
@@ -54,6 +56,16 @@ def show_number(value: object, factor: float = 1.0) -> str:
 def show_speed(speed: float) -> str:
     """Return a speed given in m/s as cm/s with four digits, for example ``2.661 cm/s``."""
     return f"{speed / CM:#.4g} cm/s"
+
+
+def counted(number: int, thing: str) -> str:
+    """Return so many of a thing: ``1 trial``, ``3 trials``."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def near(folder: Path) -> str:
+    """Return the folder as seen from the current directory, where that is shorter."""
+    return min(str(folder), os.path.relpath(folder), key=len)
 
 
 def with_unit(name: str) -> str:

@@ -9,6 +9,7 @@ candidate        a candidate, its trials, and what follows from them
 records          the trials that a journal tells of, checked
 ledger           `Study`: proposes, notes and resumes; an Optuna study in the journal
 report           table of all trials
+final_report     what a study leaves, and the sentences that say what was found
 pictures         which pictures a study gets
 drawing          how they are drawn
 simulated_curve  the simulator's speed behind the trials
