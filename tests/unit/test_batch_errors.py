@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -17,10 +18,12 @@ from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive
 from fin_sim import dynamics
 from fin_sim.batch import TOLERANCES, BatchSwim, Status, swim_batch
 from fin_sim.batch.columns import fin_columns
+from fin_sim.batch.lanes import lane_figures
 from fin_sim.batch.proven import proven_fins
 from fin_sim.batch.task import checked_task
-from fin_sim.batch.tolerances import error_floors
+from fin_sim.batch.tolerances import difference, error_floors
 from fin_sim.chain import build_chain
+from fin_sim.presets import PRESETS, preset
 from fin_sim.swim import swim as swim_alone
 from support.paper_fish import FISH as PAPER_FISH
 from support.paper_fish import paper_columns, paper_fin
@@ -185,6 +188,39 @@ def test_proven_fins_are_right_without_a_second_swim(clamp: str) -> None:
         task = checked_task(PAPER_FISH, PAPER_GAIT, 10.0, "distributed", clamp, 0.0, 0.5, 0.0, None, "double")
         assert proven_fins(task, fin_columns([fin])).all()
         assert error(swim, in_batch(swim)) < 1.0
+
+
+def test_fins_with_a_damper_in_each_hinge_on_a_box_are_right_without_a_second_swim() -> None:
+    """Of the papers' fins and fish, E from 10 MPa to 10 GPa: what the campaign's searches swim."""
+    given, random = preset("clark2012_simulation"), np.random.default_rng(5)
+    length = random.uniform(0.04, 0.14, 400)
+    height = given.fin.area / length * random.uniform(0.3, 1.0, 400)
+    changed = {"young_modulus": 10.0 ** random.uniform(7.0, 10.0, 400), "length": length}
+    columns = fin_columns({**vars(given.fin), **changed, "height": height, "tip_height": height})
+    for degrees, mass, drag_area, settle in (
+        (15.0, 0.295, 7.48e-3, 0.0),
+        (10.0, 0.5, 3e-3, 5.0),
+        (16.0, 0.25, 1e-2, 0),
+    ):
+        body = replace(given.fish.body, mass=mass, drag_area=drag_area)
+        fish, gait = replace(given.fish, body=body), drive(0.9, degrees)
+        task = checked_task(fish, gait, 10.0, "tip", "free", 0.0, 0.5, settle, None, "double")
+        proven = proven_fins(task, columns)
+        assert np.count_nonzero(proven) > 350
+        fins = {name: column[proven] for name, column in columns.items()}
+        true = lane_figures(task.refined(8), fins)
+        assert difference(lane_figures(task, fins), true, error_floors(task, fins)).max() < 0.5
+        held = checked_task(fish, gait, 10.0, "tip", "fixed", 0.0, 0.5, settle, None, "double")
+        assert not proven_fins(held, columns).any()
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_only_fish_and_fins_that_were_compared_need_no_second_swim(name: str) -> None:
+    given = preset(name)
+    task = checked_task(given.fish, PAPER_GAIT, 10.0, given.reactive, "free", 0.0, 0.5, 0.0, None, "double")
+    proven = proven_fins(task, fin_columns([given.fin])).all()
+    assert proven == (name in ("clark2012_simulation", "three_segments"))
+    assert not proven_fins(task, fin_columns([replace(given.fin, segments=5)])).any()
 
 
 def test_a_fin_that_folds_has_its_angle_and_no_figures() -> None:
