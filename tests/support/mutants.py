@@ -33,7 +33,18 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 LONGEST = 60.0
 """s after which the tests of a mutant count as failed: it goes round in a circle."""
-_LIBRARIES = ("numpy", "scipy.linalg", "hypothesis", "cmaes", "optuna", "mcap.reader", "yaml", "matplotlib")
+_LIBRARIES = (
+    "numpy",
+    "scipy.linalg",
+    "scipy.optimize",
+    "scipy.stats",
+    "hypothesis",
+    "cmaes",
+    "optuna",
+    "mcap.reader",
+    "yaml",
+    "matplotlib",
+)
 _SWAPS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
     ast.Add: (ast.Sub,),
     ast.Sub: (ast.Add,),

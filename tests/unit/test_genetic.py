@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from cmaes import CMAwM
 
-from fin_optimizer.search import genetic
+from fin_optimizer.search import cma_es, genetic
 from fin_optimizer.search.cma_es import CmaEs
 from fin_optimizer.search.genetic import Generation, GeneticAlgorithm, PopulationSearch, mutated
 from fin_optimizer.search.space import Dimension, Space, generator
@@ -262,3 +263,84 @@ def test_a_pickled_search_carries_no_random_numbers() -> None:
     search = CmaEs(PLANE, 7)
     played(search, 2)
     assert pickle.dumps(search) == pickle.dumps(CmaEs(PLANE, 7))
+
+
+STEPPED = Space(
+    (
+        Dimension("x", 0.0, 1.0),
+        Dimension("n", 3, 40, whole=True),
+        Dimension("y", 1.0, 100.0, log=True),
+        Dimension("s", 0.04, 0.14, step=0.02),
+        Dimension("w", 1, 200, whole=True, log=True),
+    )
+)
+
+
+def on_steps(values: NDArray[np.float64]) -> Generation:
+    """Return scores with their top at x = 0.7, n = 17, y = 10, s = 0.06, w = 30."""
+    x, n, y, s, w = values.T
+    missed = (x - 0.7) ** 2 + ((n - 17.0) / 20.0) ** 2 + (np.log10(y) - 1.0) ** 2 + ((s - 0.06) / 0.1) ** 2
+    return Generation(values, -missed - ((w - 30.0) / 50.0) ** 2)
+
+
+def stepped(seed: int, generations: int) -> list[Generation]:
+    search = CmaEs(STEPPED, seed)
+    history: list[Generation] = []
+    for _ in range(generations):
+        history.append(on_steps(search.propose(history)))
+    return history
+
+
+def test_cma_finds_the_best_steps_and_whole_numbers() -> None:
+    history = stepped(1, 80)
+    for values in np.vstack([generation.values for generation in history]).tolist():
+        STEPPED.check(STEPPED.values(values))
+    best = max(history, key=lambda generation: float(generation.scores.max()))
+    found = best.values[int(np.argmax(best.scores))]
+    assert found[[1, 3, 4]].tolist() == [17.0, 0.06, 30.0]
+    assert found[[0, 2]] == pytest.approx([0.7, 10.0], rel=0.01)
+
+
+def test_cma_with_margin_never_stops_trying_the_steps_beside() -> None:
+    """Without the margin the last generations would hold one step only, and a wrong one would stay for ever."""
+    last = np.vstack([generation.values for generation in stepped(1, 100)[-15:]])
+    assert [len(set(last[:, column].tolist())) > 1 for column in (1, 3, 4)] == [True] * 3
+    assert np.ptp(last[:, 0]) < 0.1, "where any number goes, the steps have become small"
+
+
+def test_cma_on_steps_goes_on_after_any_generation() -> None:
+    history = stepped(2, 6)
+    for count in (0, 2, 5):
+        assert np.array_equal(CmaEs(STEPPED, 2).propose(history[:count]), history[count].values)
+
+
+def test_cma_on_steps_draws_again_what_is_refused_and_tells_what_it_drew_evenly(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    space = Space(STEPPED.dimensions, lambda values: "" if float(values["w"]) < 20 and values["s"] < 0.1 else "no")
+    assert CmaEs(space, 1).propose([])[:, 4].max() < 20
+    monkeypatch.setattr(cma_es, "_REDRAWS", 0)
+    search = CmaEs(space, 1)
+    drawn = search.propose([])
+    for values in drawn.tolist():
+        assert space.judge(space.check(space.values(values))) == ""
+    for row in drawn:
+        assert search._numbers(search._scaled(row)[None, :])[0] == pytest.approx(row, rel=1e-12)
+        assert ((search._scaled(row) > 0.0) & (search._scaled(row) < 1.0)).all()
+    assert search._scaled(np.array([0.25, 3.0, 10.0, 0.14, 100.0])) == pytest.approx(
+        [0.25, 0.5 / 38, 0.5, 5.5 / 6, 99.5 / 200]
+    )
+
+
+def test_cma_begins_inside_the_steps_and_moves_by_shares_of_the_range() -> None:
+    optimiser = CmaEs(STEPPED, 1, deviation=0.2)._optimiser()
+    assert isinstance(optimiser, CMAwM)
+    assert optimiser._cma._sigma == pytest.approx(0.2)
+    assert optimiser._discrete_space_low == pytest.approx([0.5 / 38, 0.5 / 6, 0.5 / 200])
+    assert optimiser._discrete_space_step == pytest.approx([1 / 38, 1 / 6, 1 / 200])
+    assert optimiser._discrete_space_size.tolist() == [38, 6, 200]
+    two = Space((Dimension("a", 0, 1, whole=True), Dimension("b", 0.0, 1.0)))
+    means = np.array([CmaEs(two, seed)._optimiser().mean for seed in range(60)])
+    assert [means[:, 0].min(), means[:, 0].max()] == [0.25, 0.75]
+    assert means[:, 1].min() < 0.1
+    assert means[:, 1].max() > 0.9

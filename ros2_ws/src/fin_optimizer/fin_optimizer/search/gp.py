@@ -53,6 +53,8 @@ _DISTANCES = (0.1, 0.01)
 _CLIMBS = 4
 """Candidates that are climbed from."""
 _CLIMB_STEPS = 30
+_TRIED = 1e30
+"""By which the logarithm of what was tried is less: more than any has."""
 _SHARES = (1.0, 0.5, 0.25, 0.125)
 """Of the way to the top of a climb: what is tried where the space refuses the end."""
 _ROUNDS = 3
@@ -129,7 +131,8 @@ class GpSearch:
         mean, variance = process.predict(features[chosen])
         best = float(mean[np.argmax(mean - np.sqrt(variance))])
         good = numbers[chosen][np.argsort(-scores, kind="stable")[:_CLIMBS]]
-        promise = _Promise(self.space, self._features, process, best)
+        tried = frozenset(map(tuple, numbers.tolist()))
+        promise = _Promise(self.space, self._features, process, best, tried)
         return self.space.values(promise.best_of(self._pool(good, random)).tolist())
 
     def _pool(self, good: Array, random: np.random.Generator) -> Array:
@@ -151,17 +154,23 @@ class GpSearch:
 
 @dataclass(frozen=True)
 class _Promise:
-    """What a trial of a candidate promises, and how to find the one that promises most."""
+    """What a trial of a candidate promises, and how to find the one that promises most.
+
+    What was tried promises less than anything else: how often a candidate is swum is the study's to say.
+    """
 
     space: Space
     features: Features
     process: GaussianProcess
     best: float
+    tried: frozenset[tuple[float, ...]]
 
     def of(self, numbers: Array) -> Array:
         """Return the logarithm of the expected improvement by candidates of shape (n, parameters)."""
         mean, variance = self.process.predict(self.features.of(numbers))
-        return log_improvement(mean, variance, self.best, self.process.kernel.noise)
+        promise = log_improvement(mean, variance, self.best, self.process.kernel.noise)
+        new = np.array([tuple(row) not in self.tried for row in numbers.tolist()])
+        return np.where(new, promise, promise - _TRIED)
 
     def best_of(self, pool: Array) -> Array:
         """Return the candidate that promises most, found by climbing from the most promising ones of the pool."""

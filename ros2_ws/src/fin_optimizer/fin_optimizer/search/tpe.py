@@ -119,7 +119,9 @@ class Tpe:
         )
         sampler = TPESampler(seed=int(random.integers(_LARGEST_SEED)), constant_liar=True)
         for _ in range(_REDRAWS):
-            drawn = sampler.sample_relative(study, trial, {} if self.with_cost else self._distributions)
+            # In one go for one objective, one by one for two, as Optuna does.
+            together = {} if self.with_cost else dict(sorted(self._distributions.items()))
+            drawn = sampler.sample_relative(study, trial, together)
             for name, distribution in self._distributions.items():
                 if name not in drawn:
                     drawn[name] = sampler.sample_independent(study, trial, name, distribution)

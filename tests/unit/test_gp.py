@@ -1,0 +1,193 @@
+"""Bayesian optimisation where it is more than its model: what still swims, what failed, noise, steps and choices."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from fin_optimizer.search import gp
+from fin_optimizer.search.features import Features
+from fin_optimizer.search.gp import GpSearch
+from fin_optimizer.search.quasi_random import QuasiRandom
+from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from fin_optimizer.search.space import Scalar
+
+PLANE = Space((Dimension("x", 0.0, 1.0), Dimension("y", 10.0, 30.0)))
+MODULUS = Dimension("fin.young_modulus", 1e8, 1e10, "Pa", log=True)
+LENGTH = Dimension("fin.length", 0.04, 0.14, "m", step=0.005)
+SEGMENTS = Dimension("fin.segments", 1, 1000, whole=True)
+HINGES = Choice("fin.hinges", ("between", "midpoint", "root"))
+THICKNESS = Choice("fin.thickness", (3e-4, 1e-3, 5e-4), "m")
+MIXED = Space((MODULUS, HINGES, LENGTH, THICKNESS, SEGMENTS))
+
+
+def hill(values: Mapping[str, Scalar]) -> float:
+    """Return a smooth hill over `PLANE` with its top, 0, at (0.3, 24)."""
+    return -((float(values["x"]) - 0.3) ** 2) - ((float(values["y"]) - 24.0) / 20.0) ** 2
+
+
+def climbed(search: GpSearch, count: int, score: Callable[[Mapping[str, Scalar]], float | None]) -> list[Evaluation]:
+    history: list[Evaluation] = []
+    while len(history) < count:
+        values = search.propose(history)
+        history.append(Evaluation(values, score(values)))
+    return history
+
+
+def test_the_first_candidates_are_spread_over_the_space() -> None:
+    search, spread = GpSearch(PLANE, 3), QuasiRandom(PLANE, 3)
+    history = climbed(search, 7, hill)
+    assert search.first == 6
+    assert [entry.values for entry in history[:6]] == [spread.propose(history[:number]) for number in range(6)]
+    assert history[6].values != spread.propose(history[:6])
+
+
+def test_before_three_have_a_score_nothing_is_modelled() -> None:
+    spread = QuasiRandom(PLANE, 3)
+    history = [Evaluation(spread.propose([None] * number), None) for number in range(8)]  # type: ignore[list-item]
+    scored = [Evaluation(entry.values, hill(entry.values)) for entry in history]
+    assert GpSearch(PLANE, 3).propose([*history[:6], *scored[6:]]) == spread.propose(history)
+    assert GpSearch(PLANE, 3).propose([*history[:5], *scored[5:]]) != spread.propose(history)
+
+
+def test_what_still_swims_is_believed_and_not_proposed_again() -> None:
+    history = climbed(GpSearch(PLANE, 3), 9, hill)
+    for _ in range(4):
+        values = GpSearch(PLANE, 3).propose(history)
+        history.append(Evaluation(values, None, pending=True))
+    places = np.array([[float(entry.values["x"]), float(entry.values["y"]) / 20.0] for entry in history])
+    apart = np.linalg.norm(places[:, None] - places[None, :], axis=2)[np.triu_indices(len(places), 1)]
+    assert apart.min() > 0.01
+    assert len({tuple(entry.values.values()) for entry in history}) == len(history)
+
+
+def test_what_failed_is_kept_away_from_and_what_still_swims_is_not() -> None:
+    history = climbed(GpSearch(PLANE, 3), 9, hill)
+    top = {"x": 0.35, "y": 23.0}
+    pending = GpSearch(PLANE, 3).propose([*history, Evaluation(top, None, pending=True)])
+    failed = GpSearch(PLANE, 3).propose([*history, Evaluation(top, None)])
+    far = [abs(each["x"] - 0.35) + abs(each["y"] - 23.0) / 20.0 for each in (pending, failed)]
+    assert far[0] < 0.12
+    assert far[1] > far[0]
+
+
+def test_a_peak_behind_what_cannot_be_measured_is_approached() -> None:
+    """Beyond x = 0.25 nothing has a score: the best that has one lies there, at the height of the top."""
+    history = climbed(GpSearch(PLANE, 4), 30, lambda values: hill(values) if float(values["x"]) < 0.25 else None)
+    best = max(entry.score for entry in history if entry.score is not None)
+    assert best > -(0.05**2) - 5e-3
+    assert sum(entry.score is None for entry in history[15:]) < 12
+
+
+def test_noise_is_not_climbed() -> None:
+    """Scores are off by 0.05; what is found after 30 candidates is where the hill is less than that below its top."""
+    random = np.random.default_rng(1)
+    history = climbed(GpSearch(PLANE, 5), 30, lambda values: hill(values) + 0.05 * random.standard_normal())
+    assert np.median([hill(entry.values) for entry in history[-8:]]) > -0.05
+
+
+def test_what_a_condition_refuses_is_not_proposed_and_its_edge_is_found() -> None:
+    space = Space(PLANE.dimensions, lambda values: "too far" if float(values["x"]) > 0.2 else "")
+    history = climbed(GpSearch(space, 2), 20, hill)
+    assert max(float(entry.values["x"]) for entry in history) <= 0.2
+    # At the edge the hill is 0.01 below its top.
+    assert max(entry.score for entry in history if entry.score is not None) > -0.013
+
+
+def test_the_best_of_many_choices_is_found_by_what_they_have_in_common() -> None:
+    """Of 4 * 3 * 21 * 3 = 756 candidates 40 are tried: the best hinges, thickness, length and count."""
+    space = Space((HINGES, LENGTH, THICKNESS, Dimension("fin.segments", 1, 4, whole=True)))
+
+    def score(values: Mapping[str, Scalar]) -> float:
+        length, thickness, segments = (float(values[name]) for name in ("fin.length", "fin.thickness", "fin.segments"))
+        hinges = {"between": 0.0, "midpoint": 0.3, "root": -0.2}[str(values["fin.hinges"])]
+        return hinges - ((length - 0.09) / 0.05) ** 2 - (thickness * 1e3 - 0.5) ** 2 - 0.1 * (segments - 3.0) ** 2
+
+    history = climbed(GpSearch(space, 1), 40, score)
+    assert max(entry.score for entry in history if entry.score is not None) == pytest.approx(0.3, abs=1e-9)
+    first = GpSearch(space, 1).first
+    assert len({tuple(entry.values.values()) for entry in history[first:]}) == len(history) - first
+
+
+def test_what_was_tried_is_tried_again_only_where_there_is_nothing_else() -> None:
+    space = Space((Choice("a", ("p", "q")), Choice("b", ("r", "s"))))
+    history = climbed(GpSearch(space, 1), 12, lambda values: float(values["a"] == "q") + float(values["b"] == "s"))
+    assert len({tuple(entry.values.values()) for entry in history}) == 4
+
+
+def test_what_was_not_tried_is_tried_before_anything_again() -> None:
+    space = Space((Choice("a", tuple("pqrstu")),))
+    history = [
+        Evaluation({"a": letter}, score) for letter, score in zip("pqrst", (1.0, 3.0, 2.0, 2.5, 1.5), strict=True)
+    ]
+    assert GpSearch(space, 1).propose(history) == {"a": "u"}
+
+
+def test_of_very_many_the_best_and_the_latest_are_modelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gp, "_MOST", 6)
+    scores = [5.0, None, 1.0, 9.0, 2.0, 9.0, 3.0, 4.0, None, 0.0, 7.0]
+    history = [Evaluation({"x": 0.0, "y": 10.0}, score) for score in scores]
+    assert gp._chosen(history) == [0, 3, 5, 7, 9, 10]
+    assert gp._chosen(history[:7]) == [0, 2, 3, 4, 5, 6]
+    assert gp._chosen(history[:8]) == [0, 3, 5, 5, 6, 7][:0] + sorted({0, 3, 4} | {5, 6, 7})
+
+
+def test_with_more_scores_than_are_climbed_with_at_first_all_count_at_last(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel from a part of the scores is near that from all, and the last climb makes it likelier."""
+    random = np.random.default_rng(1)
+    features = random.random((60, 2))
+    scores = np.sin(5.0 * features[:, 0]) + 0.05 * random.standard_normal(60)
+    scores = (scores - scores.mean()) / scores.std()
+    groups = np.array([0, 1])
+    whole = gp._likely_kernel(features, scores, groups, np.random.default_rng(2))
+    monkeypatch.setattr(gp, "_MOST_FOR_START", 20)
+    part = gp._likely_kernel(features, scores, groups, np.random.default_rng(2))
+    assert part.logarithms == pytest.approx(whole.logarithms, abs=0.1)
+
+
+class TestFeatures:
+    """A space as a model sees it."""
+
+    def test_a_range_is_one_feature_and_so_is_a_choice_among_numbers(self) -> None:
+        features = Features(MIXED)
+        assert features.groups.tolist() == [0, 1, 1, 1, 2, 3, 4]
+        assert (features.counts, features.moving, features.columns) == ([0, 3, 21, 3, 1000], [0], [0])
+        rows = np.array([[1e9, 1.0, 0.04, 0.0, 1.0], [1e10, 2.0, 0.14, 1.0, 1000.0], [1e8, 0.0, 0.09, 2.0, 500.0]])
+        apart = np.sqrt(0.5)
+        found = features.of(rows)
+        assert found[0] == pytest.approx([0.5, 0.0, apart, 0.0, 0.5 / 21, 0.0, 0.5e-3])
+        assert found[1] == pytest.approx([1.0, 0.0, 0.0, apart, 20.5 / 21, 1.0, 0.9995])
+        assert found[2] == pytest.approx([0.0, apart, 0.0, 0.0, 0.5, 2.0 / 7.0, 0.4995])
+
+    def test_places_in_the_box_are_candidates_and_back(self) -> None:
+        features = Features(MIXED)
+        unit = np.random.default_rng(1).random((50, 5))
+        numbers = features.numbers(unit)
+        for row in numbers:
+            MIXED.check(MIXED.values(row.tolist()))
+        assert features.unit(numbers)[:, 0] == pytest.approx(unit[:, 0])
+        assert abs(features.unit(numbers) - unit).max(axis=0)[1:] == pytest.approx(
+            [1 / 6, 1 / 42, 1 / 6, 5e-4], rel=0.1
+        )
+        assert features.numbers(features.unit(numbers)) == pytest.approx(numbers)
+        outside = features.numbers(np.array([[-0.1] * 5, [1.1] * 5]))
+        assert outside[0] == pytest.approx([1e8, 0.0, 0.04, 0.0, 1.0])
+        assert outside[1] == pytest.approx([1e10, 2.0, 0.14, 2.0, 1000.0])
+
+    def test_alternatives_are_all_values_or_the_nearest(self) -> None:
+        features = Features(MIXED)
+        assert features.alternatives(1, 2.0, 2).tolist() == [0.0, 1.0, 2.0]
+        assert features.alternatives(2, 0.07, 4).tolist() == [0.06, 0.065, 0.07, 0.075]
+        assert features.alternatives(2, 0.07, 50).tolist() == [round(0.04 + 0.005 * i, 3) for i in range(21)]
+        assert features.alternatives(4, 1.0, 4).tolist() == [1.0, 2.0, 3.0, 4.0]
+        assert features.alternatives(4, 999.0, 4).tolist() == [997.0, 998.0, 999.0, 1000.0]
+
+    def test_truth_values_are_no_numbers(self) -> None:
+        features = Features(Space((Choice("a", (False, True)), Choice("b", (2.0, 6.0, 3.0)))))
+        assert features.of(np.array([[1.0, 2.0]]))[0] == pytest.approx([0.0, np.sqrt(0.5), 0.25])
