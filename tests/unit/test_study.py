@@ -423,7 +423,7 @@ def test_a_study_is_begun_where_the_file_system_has_no_hard_links(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ('{"format": 2}', "its format 2 is newer than the 1 that this version knows"),
+        ('{"format": 3}', "its format 3 is newer than the 2 that this version knows"),
         ('{"form', "it is no study's settings"),
         ("[]", "it is no study's settings"),
     ],

@@ -223,10 +223,12 @@ class Optimizer:
 
     def _begin(self, swimmer: Swimmer, record: TrialRecord) -> None:
         started = record.started.isoformat() if record.started is not None else ""
-        told = {"trial.candidate": str(record.candidate), "trial.started": started, **self._metadata}
+        gait = self._plan.gait_of(record.values)
+        joints = {f"gait.joint_{i}": repr(joint) for i, joint in enumerate(gait.joints, start=1)}
+        told = {"trial.candidate": str(record.candidate), "trial.started": started, **self._metadata, **joints}
         self._records[swimmer] = record
         fin, bag = self._plan.fin_of(record.values), self._study.folder / record.bag
-        swimmer.begin(record.number, fin, bag, told)
+        swimmer.begin(record.number, fin, bag, told, (gait, self._plan.measurement_of(gait)))
         self._announcers[swimmer.namespace].tell(record)
 
     def _taking_part(self) -> list[str]:
@@ -304,8 +306,7 @@ class Optimizer:
 
     def _study_metadata(self) -> dict[str, str]:
         settings = {f"study.{name}": str(value) for name, value in self._study.settings.flat().items()}
-        gait = {f"gait.joint_{i}": repr(joint) for i, joint in enumerate(self._plan.gait.joints, start=1)}
-        return {**provenance(), **settings, **gait}
+        return {**provenance(), **settings}
 
     # -- reports -----------------------------------------------------------------------------------------------------
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER_PARAMETERS
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.search.algorithms import search
-from fin_optimizer.search.space import Dimension, Space
+from fin_optimizer.search.rules import gait_of
+from fin_optimizer.search.space import Choice, Dimension, Space
+from fin_optimizer.search.space_file import SPACE_FILE, read_space
 from fin_optimizer.study.file_names import SETTINGS_FILE
 from fin_optimizer.study.ledger import Study
-from fin_optimizer.study.settings import Objective, Policy, Settings
+from fin_optimizer.study.settings import Objective, Policy, Settings, sent_parameters
 from fin_optimizer.trial.phases import Timeouts
 from fin_optimizer.words import MODULUS
 from fin_plant.fin import AREA, Fin
@@ -24,9 +26,16 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from fin_optimizer.search.space import Search
+    from fin_optimizer.search.space_file import SpaceFile
     from fin_plant.parameters import Value
 
 _LENGTH = "fin.length"
+_SHORT_FORM = tuple(
+    name for name in OPTIMIZER_PARAMETERS if name.startswith(("search.young_modulus.", "search.length."))
+)
+"""Parameters that say what is searched where no file does."""
+_STEP_SHARE = 0.1
+"""Standard deviation of a step over the range of a parameter, as the paper's of Young's modulus: 0.32 GPa in 3.5."""
 _Description = TypeVar("_Description")
 
 
@@ -53,10 +62,11 @@ class StudyPlan:
         plants: Namespaces of the fish, empty for the node's own one.
         search: Proposes the fins.
         fin: The one that the search starts from.
-        gait: What every fish swims.
+        gait: What every fish swims; where it is searched, one as wide and as fast as any that may be.
         measurement: Which part of a swim is scored.
         timeouts: When a trial is given up.
         settings: What must not change while the study goes on.
+        files: What a space was read from, by the names of the study's copies.
     """
 
     trials: int
@@ -73,6 +83,7 @@ class StudyPlan:
     measurement: Measurement
     timeouts: Timeouts
     settings: Settings
+    files: Mapping[str, bytes]
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> Self:
@@ -81,11 +92,20 @@ class StudyPlan:
         Raises:
             ValueError: A range that is upside down, a fin that cannot be, or a search that does not fit.
         """
-        varied = _varied(values)
-        space = Space(tuple(Dimension(name, v.minimum, v.maximum, unit=_unit(name)) for name, v in varied.items()))
         objective = Objective(values["objective"])
         fin = Fin.from_parameters(values)
-        gait = _built(JointDrive, values, "gait.")
+        drive = _built(JointDrive, values, "gait.")
+        gait = carangiform(drive.amplitude, drive.frequency)
+        given = _space_file(values)
+        if given is None:
+            varied = _varied(values)
+            space = Space(tuple(Dimension(name, v.minimum, v.maximum, unit=_unit(name)) for name, v in varied.items()))
+            deviations = {name: v.step_deviation for name, v in varied.items()}
+            settings = _settings(values, space, objective, fin)
+        else:
+            space, gait = given.space, _widest_gait(given)
+            deviations = {d.name: max(_STEP_SHARE * (d.high - d.low), d.step) for d in space.ranges}
+            settings = _settings_of_file(values, given, objective)
         return cls(
             **{name: values[name] for name in _AS_GIVEN},
             minimum_free=values["disk.minimum_free"],
@@ -94,28 +114,37 @@ class StudyPlan:
                 values["search.algorithm"],
                 space,
                 values["seed"],
-                {name: v.step_deviation for name, v in varied.items()},
+                deviations,
                 values["search.population"],
                 with_cost=objective is Objective.SPEED_AND_COST,
             ),
             fin=fin,
-            gait=carangiform(gait.amplitude, gait.frequency),
-            measurement=_built(Measurement, values, "measurement.", block=1.0 / gait.frequency),
+            gait=gait,
+            measurement=_built(Measurement, values, "measurement.", block=1.0 / gait.joints[-1].frequency),
             timeouts=_built(Timeouts, values, "timeout."),
-            settings=_settings(values, space, objective, fin),
+            settings=settings,
+            files={} if given is None else given.files,
         )
 
     @property
     def no_gait(self) -> Gait:
         """The gait of a tail at rest."""
-        return Gait((JointDrive(0.0, self.gait.joints[0].frequency),))
+        return Gait(tuple(JointDrive(0.0, joint.frequency) for joint in self.gait.joints))
+
+    def gait_of(self, values: Mapping[str, Any]) -> Gait:
+        """Return the gait of a candidate."""
+        return self.gait if self.settings.rules is None else gait_of(self.settings.sent(values))
+
+    def measurement_of(self, gait: Gait) -> Measurement:
+        """Return which part of the swim with a gait is scored: its speed is judged beat by beat."""
+        return replace(self.measurement, block=1.0 / gait.joints[-1].frequency)
 
     @property
     def wants_cost(self) -> bool:
         """Whether the energy per metre is an objective."""
         return self.settings.objective is Objective.SPEED_AND_COST
 
-    def fin_of(self, values: Mapping[str, float]) -> dict[str, Value]:
+    def fin_of(self, values: Mapping[str, Any]) -> dict[str, Value]:
         """Return the fin of a candidate as the plant's parameters; the plant itself judges whether it can be."""
         return self.settings.fin_of(values)
 
@@ -130,10 +159,13 @@ class StudyPlan:
         try:
             if (folder / SETTINGS_FILE).exists():
                 return Study.open(folder, self.settings)
-            return Study.create(folder, self.settings)
+            study = Study.create(folder, self.settings)
+            for file, content in self.files.items():
+                (folder / file).write_bytes(content)
         except OSError as error:
             msg = f"study_folder {folder} cannot be used: {error.strerror or error}; choose one that can be written"
             raise ValueError(msg) from error
+        return study
 
 
 _AS_GIVEN = [field.name for field in fields(StudyPlan) if field.name in OPTIMIZER_PARAMETERS and field.name != "plants"]
@@ -154,6 +186,34 @@ def _unit(name: str) -> str:
     return OPTIMIZER_PARAMETERS[name].unit
 
 
+def _space_file(values: Mapping[str, Any]) -> SpaceFile | None:
+    """Return what the search space's file says, of a study that is gone on with its copy's; None without one.
+
+    Raises:
+        ValueError: It is refused, or the short form is given beside it.
+    """
+    path = given_path(values["space"]) if values["space"] else None
+    if path is None and values["study_folder"]:
+        folder = given_path(values["study_folder"])
+        path = folder / SPACE_FILE if (folder / SETTINGS_FILE).exists() and (folder / SPACE_FILE).exists() else None
+    if path is None:
+        return None
+    if beside := [name for name in _SHORT_FORM if values[name] != OPTIMIZER_PARAMETERS[name].default]:
+        msg = f"{beside[0]} says what is searched, and so does {path}: put it into the file, or leave the file out"
+        raise ValueError(msg)
+    return read_space(path, sent_parameters(values))
+
+
+def _widest_gait(given: SpaceFile) -> Gait:
+    """Return a gait of which every number is the largest that a candidate may have, either way."""
+    searched = {
+        d.name: max(d.choices if isinstance(d, Choice) else (d.minimum, d.last), key=abs)  # type: ignore[arg-type]
+        for d in given.space.dimensions
+        if d.name.startswith("gait.")
+    }
+    return gait_of({**given.start, **searched})
+
+
 def _varied(values: Mapping[str, Any]) -> dict[str, _Varied]:
     """Return how each parameter that is searched is searched, by its name."""
     varied = {name: _built(_Varied, values, f"search.{name.removeprefix('fin.')}.") for name in (MODULUS, _LENGTH)}
@@ -171,6 +231,15 @@ def _plants(names: Sequence[str]) -> tuple[str, ...]:
         msg = f"plants names a fish twice: {', '.join(names)}"
         raise ValueError(msg)
     return tuple(names)
+
+
+def _settings_of_file(values: Mapping[str, Any], given: SpaceFile, objective: Objective) -> Settings:
+    """Return the settings of a study whose space is a file's."""
+    policy = _built(Policy, values, "")
+    elsewhere = {*asdict(policy), "objective", *_SHORT_FORM, *sent_parameters(values)}
+    deciding = OPTIMIZER_PARAMETERS.deciding_swims.keys() - elsewhere
+    details: dict[str, object] = {name: value for name, value in values.items() if name in deciding}
+    return Settings(Space(given.space.dimensions), policy, details | dict(given.start), objective, given.rules)
 
 
 def _settings(values: Mapping[str, Any], space: Space, objective: Objective, fin: Fin) -> Settings:

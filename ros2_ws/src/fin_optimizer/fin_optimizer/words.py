@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import TYPE_CHECKING, Any
 
-from fin_plant.fin import FIN_PARAMETERS
+from fin_optimizer.search.names import AMPLITUDE, FREQUENCY, drive_place, height_place, parameter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
 MODULUS = "fin.young_modulus"
+_DEGREE = math.pi / 180.0
 # Symbol or word, factor to SI and unit in which a laboratory speaks of a parameter.
 _SHOWN_AS = {
     MODULUS: ("E", 1e9, "GPa"),
@@ -20,6 +22,8 @@ _SHOWN_AS = {
     "fin.tip_height": ("tip height", 1e-2, "cm"),
     "fin.thickness": ("thickness", 1e-3, "mm"),
     "fin.profile_height": ("profile", 1e-2, "cm"),
+    FREQUENCY: ("frequency", 1.0, "Hz"),
+    AMPLITUDE: ("amplitude", _DEGREE, "deg"),
 }
 CM = 1e-2
 
@@ -36,13 +40,18 @@ def show_values(values: Mapping[str, Any]) -> str:
     """Return a candidate in a laboratory's units, for example ``E 1.234 GPa``."""
     shown = []
     for name, value in values.items():
-        word, factor, unit = _SHOWN_AS.get(name, (name, 1.0, ""))
+        word, factor, unit = in_words(name)
         shown.append(f"{word} {value}" if isinstance(value, str) else f"{word} {value / factor:.4g} {unit}".rstrip())
     return ", ".join(shown)
 
 
 def in_words(name: str) -> tuple[str, float, str]:
-    """Return what people call a parameter of a fin, the factor from SI to the unit in which it is told, and that."""
+    """Return what people call a parameter, the factor from SI to the unit in which it is told, and that."""
+    if (place := height_place(name)) is not None:
+        return f"height {place + 1}", CM, "cm"
+    if (drive := drive_place(name)) is not None:
+        joint, column = drive
+        return f"joint {joint + 1} {column}", *((1.0, "Hz") if column == "frequency" else (_DEGREE, "deg"))
     return _SHOWN_AS.get(name, (name, 1.0, _si_unit(name)))
 
 
@@ -75,5 +84,6 @@ def with_unit(name: str) -> str:
 
 
 def _si_unit(name: str) -> str:
-    """Return the SI unit of a parameter of a fin; empty for one without, or another name."""
-    return FIN_PARAMETERS[name].unit if name in FIN_PARAMETERS else ""
+    """Return the SI unit of a parameter of a fin or a gait; empty for one without, or another name."""
+    known = parameter(name)
+    return known.unit if known is not None else ""

@@ -22,9 +22,16 @@ _LARGEST_ANGLE = math.pi
 # A phase is a position on the circle, and who adds up its oscillator's phase sends many turns; beyond this a double
 # no longer tells one position from the next.
 _LARGEST_PHASE = 1e9
+_LARGEST_FREQUENCY = 100.0
+DRIVE_RANGES = {
+    "amplitude": (0.0, _LARGEST_ANGLE, "rad"),
+    "frequency": (0.0, _LARGEST_FREQUENCY, "Hz"),
+    "phase": (-_LARGEST_PHASE, _LARGEST_PHASE, "rad"),
+    "bias": (-_LARGEST_ANGLE, _LARGEST_ANGLE, "rad"),
+}
+"""Least and largest value of each column of a gait, and its unit."""
 _SAME_PHASE = 1e-6
 """rad by which the phases of one gait may differ: less than any servo resolves, more than rounding at 1e9 rad."""
-_LARGEST_FREQUENCY = 100.0
 
 LARGEST_SPEED_UP = 1.5
 """Most that the rate of a joint may be in a change of gait, over the larger of the two gaits' own peak rates."""
@@ -57,13 +64,7 @@ class JointDrive:
     bias: float = 0.0
 
     def __post_init__(self) -> None:
-        limits = {
-            "amplitude": (0.0, _LARGEST_ANGLE, "rad"),
-            "frequency": (0.0, _LARGEST_FREQUENCY, "Hz"),
-            "phase": (-_LARGEST_PHASE, _LARGEST_PHASE, "rad"),
-            "bias": (-_LARGEST_ANGLE, _LARGEST_ANGLE, "rad"),
-        }
-        for name, (low, high, unit) in limits.items():
+        for name, (low, high, unit) in DRIVE_RANGES.items():
             value = checks.number(f"gait {name}", getattr(self, name), low, high, unit=unit)
             object.__setattr__(self, name, value)
         turned = math.remainder(self.phase, 2.0 * math.pi)

@@ -32,7 +32,9 @@ Column = tuple[str, str, "Callable[[TrialRecord, Candidate], object]"]
 def columns(settings: Settings, trials: Sequence[TrialRecord]) -> list[Column]:
     """Return name with unit, Arrow type, and value of every column of a study's table."""
     names = varied(settings, [trial.values for trial in trials])
-    fin = [(with_unit(name), "string" if "profile" in name else "double", _value_of(settings, name)) for name in names]
+    told = [settings.told(trial.values) for trial in trials]
+    texts = {name for name in names if any(isinstance(fin[name], str | list) for fin in told)}
+    fin = [(with_unit(name), "string" if name in texts else "double", _value_of(settings, name)) for name in names]
     return [
         ("trial", "int64", lambda trial, _: trial.number),
         ("fin", "int64", lambda trial, _: trial.candidate + 1),
@@ -54,7 +56,7 @@ def columns(settings: Settings, trials: Sequence[TrialRecord]) -> list[Column]:
 
 def _value_of(settings: Settings, name: str) -> Callable[[TrialRecord, Candidate], object]:
     def value(trial: TrialRecord, _: Candidate) -> object:
-        found = settings.fin_of(trial.values)[name]
+        found = settings.told(trial.values)[name]
         return repr(found) if isinstance(found, list) else found
 
     return value

@@ -68,7 +68,7 @@ class _Column:
 
 def _columns(settings: Settings, ranked: Sequence[Candidate], chosen: Collection[int]) -> list[_Column]:
     """Return all columns that say something."""
-    fins = [settings.fin_of(candidate.values) for candidate in ranked]
+    fins = [settings.told(candidate.values) for candidate in ranked]
     columns = [
         _Column("rank", [str(n) if c.score is not None else "" for n, c in enumerate(ranked, start=1)]),
     ]

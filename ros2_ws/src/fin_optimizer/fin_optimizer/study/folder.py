@@ -28,6 +28,8 @@ _PARTIAL = ".partial"
 _NO_HARD_LINKS = {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS}
 """What os.link says on vfat and exFAT, on CIFS, and in user space."""
 
+_LONGEST_NAME = 150
+"""Letters of a fin in its bag's name; a file system takes 255 in all."""
 _BAG_NAME = re.compile(r"trial_(\d+)_")
 
 
@@ -156,7 +158,7 @@ def put_on_disk(folder: Path) -> None:
 
 def bag_name(number: int, values: Mapping[str, Any]) -> str:
     """Return the name of a trial's bag, which tells a person the fin, for example ``trial_0007_E1.112GPa``."""
-    fin = show_values(values).replace(", ", "_").replace(" ", "")
+    fin = re.sub(r"[^\w.+-]", "", show_values(values).replace(", ", "_"))[:_LONGEST_NAME]
     return f"{trial_name(number).replace(' ', '_')}_{fin}"
 
 

@@ -11,6 +11,7 @@ from fin_optimizer.search.space import Choice
 from fin_optimizer.study import drawing
 from fin_optimizer.study.candidate import candidates, fastest, front
 from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
+from fin_optimizer.study.report import varied
 from fin_optimizer.study.settings import Objective
 from fin_optimizer.study.simulated_curve import simulated_speed, speed_over_range
 from fin_plant.figures import try_to_draw
@@ -71,7 +72,7 @@ def _simulated(settings: Settings, fish: Mapping[str, object]) -> SpeedCurve | N
     if fish.get("plant") != SIMULATOR or not {_FREQUENCY, _AMPLITUDE, _SETTLE, _DURATION} <= details.keys():
         return None
     (dimension,) = settings.space.dimensions
-    if isinstance(dimension, Choice) or not dimension.name.startswith("fin."):
+    if isinstance(dimension, Choice) or settings.rules is not None:
         return None
     fin = Fin.from_parameters(settings.fin_of({dimension.name: dimension.minimum}))
     gait = carangiform(details[_AMPLITUDE], details[_FREQUENCY])
@@ -96,6 +97,10 @@ def title(settings: Settings, tried: Sequence[Candidate]) -> str:
 
 def _fin(settings: Settings, tried: Sequence[Candidate]) -> str:
     """Return the fin in words, without what was searched; nothing if the settings do not tell it."""
+    if tried and settings.rules is not None:
+        varies = varied(settings, [candidate.values for candidate in tried])
+        shown = Fin.from_parameters(settings.fin_of(tried[0].values)).describe(without=varies)
+        return shown if shown != "fin " else ""
     if not tried or "fin.thickness" not in settings.details:
         return ""
     names = settings.space.names

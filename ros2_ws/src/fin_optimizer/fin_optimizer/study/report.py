@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from datetime import UTC
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fin_optimizer.words import ENERGY_PER_METRE, SPEED, SPREAD, with_unit
 
@@ -20,19 +20,20 @@ if TYPE_CHECKING:
 CSV_FILE = "trials.csv"
 
 
-def varied(settings: Settings, tried: Iterable[Mapping[str, float]]) -> list[str]:
-    """Return the fin's parameters that differ among these candidates, those that are searched first in any case.
+def varied(settings: Settings, tried: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the parameters that differ among these candidates, those that are searched first in any case.
 
     A height at the tip that is always the height at the root is not told twice.
     """
-    fins = [settings.fin_of(values) for values in tried]
+    fins = [settings.told(values) for values in tried]
     names = list(settings.space.names)
     names += [
         name
         for name in dict.fromkeys(name for fin in fins for name in fin)
         if name not in names and any(fin[name] != fins[0][name] for fin in fins)
     ]
-    if "fin.tip_height" in names and all(fin["fin.tip_height"] == fin["fin.height"] for fin in fins):
+    follows = "fin.tip_height" in names and "fin.tip_height" not in settings.space.names
+    if follows and all(fin["fin.tip_height"] == fin["fin.height"] for fin in fins):
         names.remove("fin.tip_height")
     return names
 
@@ -50,8 +51,8 @@ def trials_table(trials: Sequence[TrialRecord], settings: Settings) -> str:
     parameters = [with_unit(name) for name in names]
     writer.writerow(["trial", "fin", *parameters, "outcome", *measured, *times, "plant", "bag", "reason"])
     for trial in trials:
-        fin = settings.fin_of(trial.values)
-        values = [repr(fin[name]) for name in names]
+        fin = settings.told(trial.values)
+        values = [fin[name] if isinstance(fin[name], str) else repr(fin[name]) for name in names]
         measured = [_number(trial.score), _number(trial.spread), _number(trial.cost), str(trial.samples or "")]
         times = [_utc(trial.started), _utc(trial.ended)]
         last = [trial.plant, trial.bag, trial.reason]

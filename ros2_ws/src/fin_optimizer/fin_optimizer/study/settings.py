@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 from optuna.study import StudyDirection
 
 from fin_optimizer.checksums import CHECK_SUM, check_sum
+from fin_optimizer.search.names import HEIGHTS, height_place
+from fin_optimizer.search.rules import Rules
 from fin_optimizer.search.space import Choice, Space, dimension_from, written
 from fin_optimizer.study.journal import StudyError
 from fin_plant import checks, json_file
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
     from fin_optimizer.search.space import AnyDimension
     from fin_plant.parameters import Value
 
-FORMAT = 1
+FORMAT = 2
+"""1 was before spaces came from files; a study without one is still written so that older versions read it."""
 _CONTENT = ("format", "space", "policy", "objective", "details")
 """Entries of the settings file, beside those that tell this study from others and that it was not changed."""
 _ADDED = frozenset({AREA, "measurement.largest_speed", "measurement.largest_start_speed"})
@@ -80,17 +83,20 @@ class Settings:
         policy: How often a candidate is swum.
         details: All else that decides the candidates and their scores, by name: search, seed, gait, window.
         objective: What is looked for.
+        rules: What follows from a candidate of a space from a file; None for one of the short form.
     """
 
     space: Space
     policy: Policy = field(default_factory=Policy)
     details: Mapping[str, object] = field(default_factory=dict)
     objective: Objective = Objective.SPEED
+    rules: Rules | None = None
 
     def flat(self) -> dict[str, object]:
         """Return every setting by a name that a reader knows."""
         searched = dict(_in_words(dimension) for dimension in self.space.dimensions)
-        return {**searched, **asdict(self.policy), "objective": str(self.objective), **self.details}
+        rules = {} if self.rules is None else self.rules.flat()
+        return {**searched, **rules, **asdict(self.policy), "objective": str(self.objective), **self.details}
 
     def differences(self, other: Settings) -> list[str]:
         """Return a text for each setting that differs, its value here first; an older version may leave some out."""
@@ -101,12 +107,28 @@ class Settings:
         """Return the details of ``other`` that this older version does not tell and that could have been any."""
         return [name for name in other.details if name not in self.details and name not in _earlier()]
 
-    def fin_of(self, values: Mapping[str, float]) -> dict[str, Any]:
+    def sent(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what a plant is sent for a candidate, its fin and, of a space from a file, its gait."""
+        if self.rules is None:
+            return self.fin_of(values)
+        return self.rules.sent(sent_parameters(self.details), values)
+
+    def told(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return what is searched and what is sent, by name, each fact once."""
+        told = {**self.sent(values), **values}
+        heights = any(height_place(name) is not None for name in values)
+        if heights and self.rules is not None and all(tie.by != "heights" for tie in self.rules.ties):
+            del told[HEIGHTS]
+        return told
+
+    def fin_of(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return the fin of a candidate as a plant's parameters, as far as the settings tell it.
 
         Where the length varies the area stays, so a longer fin is less high. A study of an older version does not tell
         the area; then the heights are left out.
         """
+        if self.rules is not None:
+            return {name: value for name, value in self.sent(values).items() if name.startswith("fin.")}
         fin: dict[str, Any] = {n: v for n, v in self.details.items() if n.startswith("fin.") and n != AREA}
         fin |= values
         if "fin.length" not in values:
@@ -118,11 +140,12 @@ class Settings:
     def to_json(self) -> str:
         """Return the text of ``study.json``, which is another one for each study."""
         content = {
-            "format": FORMAT,
+            "format": 1 if self.rules is None else FORMAT,
             "space": [written(dimension) for dimension in self.space.dimensions],
             "policy": asdict(self.policy),
             "objective": self.objective,
             "details": dict(self.details),
+            **({} if self.rules is None else {"rules": self.rules.written()}),
             "id": uuid.uuid4().hex,
         }
         body = json.dumps(content, indent=2, allow_nan=False).removesuffix("\n}")
@@ -140,12 +163,23 @@ class Settings:
             _check_format(content["format"])
             _check_unchanged(text, content)
             space = Space(tuple(map(dimension_from, content["space"])))
-            return cls(space, Policy(**content["policy"]), content["details"], Objective(content["objective"]))
+            details, objective = content["details"], Objective(content["objective"])
+            rules = _rules(content["rules"], details) if "rules" in content else None
+            return cls(space, Policy(**content["policy"]), details, objective, rules)
         except StudyError:
             raise
         except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
             msg = f"it is no study's settings ({type(error).__name__}: {error}); restore it or begin another folder"
             raise StudyError(msg) from error
+
+
+def sent_parameters(details: Mapping[str, Any]) -> dict[str, Any]:
+    """Return those of a study's settings that are parameters of the fin or of the gait."""
+    return {name: value for name, value in details.items() if name.startswith(("fin.", "gait.")) and name != AREA}
+
+
+def _rules(content: Mapping[str, Any], details: Mapping[str, Any]) -> Rules:
+    return Rules.from_written(content, len(details[HEIGHTS]))
 
 
 def _in_words(dimension: AnyDimension) -> tuple[str, str]:

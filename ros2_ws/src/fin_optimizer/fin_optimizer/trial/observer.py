@@ -47,14 +47,18 @@ _MANY_VELOCITIES = 500
 
 
 class Observer:
-    """Looks at the plant, the recorder and the graph for a trial's `Facts`."""
+    """Looks at the plant, the recorder and the graph for a trial's `Facts`.
+
+    Attributes:
+        gait: What the fish is to swim.
+    """
 
     def __init__(self, node: Node, plant: PlantClient, recorder: Recorder, namespace: str, gait: Gait) -> None:
         self._node = node
         self._client = plant
         self._recorder = recorder
         self._namespace = namespace.rstrip("/")
-        self._gait = gait
+        self.gait = gait
 
     def look(self, looks_up: Container[str], window: Window | None) -> Facts:
         """Return what is seen now; what only the trial's swimmer knows is missing.
@@ -73,9 +77,9 @@ class Observer:
             plant=state,
             fin_reply=client.fin_reply,
             reset_reply=client.reset_reply,
-            cut_gait=cut_gait(state, self._gait) if "cut_gait" in looks_up else "",
+            cut_gait=cut_gait(state, self.gait) if "cut_gait" in looks_up else "",
             follows_a_gait=follows,
-            other_gait=other_gait(applied, self._gait) if applied is not None and follows else "",
+            other_gait=other_gait(applied, self.gait) if applied is not None and follows else "",
             tail_angle=self._tail_angle() if "tail_angle" in looks_up else None,
             unmatched_topics=self._unmatched_topics() if "unmatched_topics" in looks_up else (),
             newest_velocity=recorder.newest_stamp(topics.VELOCITY),

@@ -94,6 +94,7 @@ class Swimmer:
         self.unusable_stamps: dict[str, int] = {}
         self.notes: list[str] = []
         self._conditions = conditions
+        self._widest_gait = conditions.gait
         self._recorder = recorder
         self._observer = observer
         self._gait_due: float | None = None
@@ -121,7 +122,7 @@ class Swimmer:
         Args:
             node: Node that listens and speaks.
             namespace: Of the fish, absolute.
-            conditions: What all its trials have in common.
+            conditions: What all its trials have in common, of several gaits the widest.
             minimum_free: Bytes that must stay free on the disk of a bag.
             clock: Time in s.
         """
@@ -131,7 +132,14 @@ class Swimmer:
 
     # -- one trial ---------------------------------------------------------------------------------------------------
 
-    def begin(self, number: int, fin: Mapping[str, Value], bag: Path, told: Mapping[str, str]) -> None:
+    def begin(
+        self,
+        number: int,
+        fin: Mapping[str, Value],
+        bag: Path,
+        told: Mapping[str, str],
+        swims: tuple[Gait, Measurement] | None = None,
+    ) -> None:
         """Begin a trial.
 
         Args:
@@ -139,7 +147,11 @@ class Swimmer:
             fin: The fin to try, by the plant's parameters, in SI units.
             bag: Folder of its bag, which must not exist.
             told: What the bag's metadata tell besides the trial's number and what the plant says of itself.
+            swims: Its gait, and which part of its swim counts; None for those that all trials have in common.
         """
+        if swims is not None:
+            self._conditions = replace(self._conditions, gait=swims[0], measurement=swims[1])
+            self._observer.gait = swims[0]
         self._number, self._bag, self._told = number, bag, told
         self._bag_error, self._scored_as, self._other_fish = "", None, None
         self._look_due = 0.0
@@ -326,8 +338,8 @@ class Swimmer:
 
     @property
     def cut_gait(self) -> str:
-        """What the plant's limits would make of the study's gait, or empty."""
-        return cut_gait(self.plant.state, self._conditions.gait)
+        """What the plant's limits would make of the study's gait, the widest of several, or empty."""
+        return cut_gait(self.plant.state, self._widest_gait)
 
     @property
     def phase(self) -> str:
