@@ -285,7 +285,7 @@ FIGURES = (
     Figure("steady_speed", "m/s", "steady speed", "cm/s", 100.0),
     Figure("mean_thrust", "N", "mean thrust", "mN", 1000.0),
     Figure("mean_servo_power", "W", "servo power", "mW", 1000.0),
-    Figure("mean_electrical_power", "W", "electrical power", "mW", 1000.0),
+    Figure("mean_electrical_power", "W", "supply power", "mW", 1000.0),
     Figure("servo_amplitude", "rad", "servo amplitude", "degrees", 180.0 / math.pi),
     Figure("largest_servo_torque", "N m", "servo torque", "mN m", 1000.0),
     Figure("efficiency", "", "efficiency", "%", 100.0),
@@ -298,8 +298,8 @@ FIGURES = (
 )
 SWEEP_TABLE = ("mean_speed", "steady_speed", "mean_thrust", "mean_servo_power", "efficiency", "strouhal_number")
 """What the table of a sweep shows; its CSV has every figure."""
-OF_A_MOTOR = ("mean_electrical_power",)
-"""What it shows besides where a servo has a motor."""
+SWEEP_TABLE_OF_MOTORS = ("mean_electrical_power", *(name for name in SWEEP_TABLE if name != "mean_thrust"))
+"""What it shows where servos have a motor: as much, so that 80 columns are enough."""
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,9 @@ from fin_sim.materials import material
 from fin_sim.quick_sweep import swim_quickly
 from fin_sim.sweep import (
     FIGURES,
-    OF_A_MOTOR,
     PARAMETERS,
     SWEEP_TABLE,
+    SWEEP_TABLE_OF_MOTORS,
     Axis,
     SwimPlan,
     parse_axis,
@@ -408,7 +408,8 @@ def _run_case(options: argparse.Namespace) -> None:
 def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> Table:
     known = [figure for figure in FIGURES if figure.name in rows[0]]
     # A quick sweep has so few that all fit.
-    chosen = {*SWEEP_TABLE, *(name for name in OF_A_MOTOR if any(row.get(name) is not None for row in rows))}
+    motors = any(row.get("mean_electrical_power") is not None for row in rows)
+    chosen = SWEEP_TABLE_OF_MOTORS if motors else SWEEP_TABLE
     shown = known if len(known) < len(FIGURES) else [figure for figure in known if figure.name in chosen]
     table = Table(
         *(f"{axis.name}\n{axis.unit}" for axis in axes), *(f"{figure.title}\n{figure.unit}" for figure in shown)
