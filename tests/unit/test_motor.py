@@ -23,6 +23,7 @@ from fin_sim.chain import Chain, build_chain
 from fin_sim.energy import energy_budget
 from fin_sim.fish import Fish, Link, Water
 from fin_sim.motor import Motor
+from fin_sim.servo import Servo
 from fin_sim.swim import Swim, swim
 from support.paper_fish import BODY, FIN
 
@@ -202,6 +203,14 @@ def test_a_servo_strong_and_fast_enough_swims_as_the_ideal_one(ideal: Swim) -> N
         assert getattr(strong, name) == pytest.approx(getattr(ideal, name), rel=1e-3), name
     assert strong.mean_servo_power == pytest.approx(ideal.mean_servo_power, rel=1e-3)
     assert strong.joint_angles[::4, 0] == pytest.approx(ideal.joint_angles[:, 0], abs=1e-3 * math.radians(15.0))
+
+
+def test_lag_and_rate_limit_shape_what_the_motor_is_told() -> None:
+    strong = Motor(stall_torque=100.0, no_load_speed=1e3, gain=50.0, derivative_time=1e-3, time_constant=0.02)
+    late = Servo(lag=0.05, rate_limit=0.8)
+    told, follows = swum(None, servo=late), swum(strong, servo=late)
+    assert told.servo_amplitude < 0.95 * math.radians(15.0)
+    assert follows.joint_angles[::4, 0] == pytest.approx(told.joint_angles[:, 0], abs=1e-3 * math.radians(15.0))
 
 
 def phase(result: Swim) -> float:

@@ -275,9 +275,7 @@ def test_the_short_form_beside_a_file_is_refused(folder: Path) -> None:
 
 
 def test_choices_are_refused_by_cma_es_at_the_start(folder: Path) -> None:
-    with pytest.raises(
-        ValueError, match=r"cma_es cannot choose \(stock\): for choices use hill"
-    ):
+    with pytest.raises(ValueError, match=r"cma_es cannot choose \(stock\): for choices use hill"):
         plan(folder / "study", space=str(DRAWER), **{"search.algorithm": "cma_es"})
 
 
