@@ -15,7 +15,7 @@ setup: ## prepare everything: packages and the workspace; quick when nothing cha
 	@scripts/setup.sh
 
 .PHONY: demo
-demo: setup ## optimise the paper fin: 30 simulated trials, one bag each, results in runs/; PLANT=rehearsal for the robot's path
+demo: setup ## optimise a fin of the papers' size: 30 simulated trials, one bag each, results in runs/; PLANT=rehearsal for the robot's path
 	@./run fin_bringup bringup plant:=$(PLANT) $(ARGS)
 
 .PHONY: test

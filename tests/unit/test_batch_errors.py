@@ -13,7 +13,7 @@ import pytest
 import scipy.integrate
 
 from fin_plant import validity
-from fin_plant.fin import ProfiledFin
+from fin_plant.fin import Fin, ProfiledFin
 from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive
 from fin_sim import dynamics
 from fin_sim.batch import TOLERANCES, BatchSwim, Status, swim_batch
@@ -24,6 +24,7 @@ from fin_sim.batch.task import checked_task
 from fin_sim.batch.tolerances import difference, error_floors
 from fin_sim.chain import build_chain
 from fin_sim.presets import PRESETS, preset
+from fin_sim.swim import PAPER_FISH as DEFAULT_FISH
 from fin_sim.swim import swim as swim_alone
 from support.paper_fish import FISH as PAPER_FISH
 from support.paper_fish import paper_columns, paper_fin
@@ -220,7 +221,18 @@ def test_only_fish_and_fins_that_were_compared_need_no_second_swim(name: str) ->
     task = checked_task(given.fish, PAPER_GAIT, 10.0, given.reactive, "free", 0.0, 0.5, 0.0, None, "double")
     proven = proven_fins(task, fin_columns([given.fin])).all()
     assert proven == (name in ("clark2012_simulation", "three_segments"))
-    assert not proven_fins(task, fin_columns([replace(given.fin, segments=5)])).any()
+    assert not proven_fins(task, fin_columns([replace(given.fin, segments=7)])).any()
+
+
+def test_default_fins_are_right_without_a_second_swim() -> None:
+    fins = [Fin(young_modulus=modulus) for modulus in (0.5e9, 2e9, 4e9)]
+    task = checked_task(DEFAULT_FISH, PAPER_GAIT, 10.0, "distributed", "free", 0.0, 0.5, 0.0, None, "double")
+    assert proven_fins(task, fin_columns(fins)).all()
+    swum = swim_batch(fins)
+    for index, fin in enumerate(fins):
+        alone = swim_alone(fin, step=2e-3)
+        assert swum.mean_speed[index] == pytest.approx(alone.mean_speed, rel=1e-3)
+        assert swum.mean_forward_speed[index] == pytest.approx(alone.mean_forward_speed, rel=1e-3)
 
 
 def test_a_fin_that_folds_has_its_angle_and_no_figures() -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from fin_bringup.benchmarks import command, measuring, mujoco_fish, other_programs, profile, swims, trials
-from fin_bringup.benchmarks.measuring import Sizes
+from fin_bringup.benchmarks.measuring import PAPER, Sizes
 from fin_bringup.benchmarks.trials import Throughput
 from fin_sim.swim import swim
 
@@ -47,7 +47,8 @@ def test_lanes_are_within_a_thousandth_and_time_a_swim() -> None:
 
 
 def test_scipy_solves_the_same_equations() -> None:
-    assert other_programs.scipy_swim(1e-5) == pytest.approx(swim(reactive="tip").mean_speed, rel=1e-5)
+    expected = swim(PAPER.fin, PAPER.fish, reactive=PAPER.reactive).mean_speed
+    assert other_programs.scipy_swim(1e-5) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.timeout(300)

@@ -176,7 +176,7 @@ def test_the_help_lists_every_argument_with_its_default() -> None:
     for argument in study_arguments.arguments():
         assert f"  {argument.name}:={argument.default or '(empty)'}\n" in text
     assert "speed:=0.0" in text
-    assert "fin.young_modulus:=1200000000.0" in text
+    assert "fin.young_modulus:=2000000000.0" in text
 
 
 def test_an_executable_is_found_as_ros2_run_finds_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

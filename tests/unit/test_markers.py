@@ -12,8 +12,8 @@ from fin_sim.swim import PAPER_FISH, SIMULATOR_PARAMETERS
 
 
 def test_marker_of_a_link_that_is_gone_vanishes_within_a_second() -> None:
-    chain = build_chain(PAPER_FISH, Fin(segments=5))
+    chain = build_chain(PAPER_FISH, Fin(segments=5, hinges="midpoint"))
     state = Stepper(chain, 1e-3).start()
     markers = fish_markers(chain, SIMULATOR_PARAMETERS.checked({}), state, Time(sec=3)).markers
-    assert len(markers) == 6
+    assert len(markers) == 7
     assert all((marker.lifetime.sec, marker.lifetime.nanosec) == (1, 0) for marker in markers)

@@ -128,7 +128,7 @@ def test_soft_fin_gives_no_thrust() -> None:
 
 
 def test_integration_has_order_4() -> None:
-    assert convergence.order(convergence.STEPS, convergence.step_errors()) == pytest.approx(4.0, abs=0.3)
+    assert convergence.order(convergence.STEPS, convergence.step_errors(convergence.FEW)) == pytest.approx(4.0, abs=0.3)
 
 
 @pytest.mark.parametrize("segments", [1, 3, 5, 10, 20])
@@ -142,6 +142,19 @@ def test_swimming_speed_converges_with_order_2_in_segments() -> None:
     speeds = convergence.swim_speeds(counts)
     errors = np.abs(speeds / convergence.extrapolated(counts, speeds) - 1.0)[:-2]
     assert -convergence.order(np.array(counts[:-2], dtype=float), errors) == pytest.approx(2.0, abs=0.35)
+
+
+def test_segments_step_and_lanes_change_a_default_swim_by_less_than_a_hundredth() -> None:
+    changes = convergence.default_swim_changes()
+    assert len(changes) == 3
+    assert all(abs(change) < 0.01 for change in changes.values()), changes
+
+
+@pytest.mark.parametrize("modulus", [0.8e9, 4e9])
+def test_fins_about_the_best_swim_within_a_hundredth_of_the_converged_speed(modulus: float) -> None:
+    counts = (Fin().segments, 14, 20)
+    speeds = convergence.swim_speeds(counts, young_modulus=modulus)
+    assert speeds[0] == pytest.approx(convergence.extrapolated(counts, speeds), rel=0.01)
 
 
 @_QUICK

@@ -218,7 +218,7 @@ def test_q_leaves_but_asks_again_while_the_driver_is_armed(keyboard: Any, client
 
 def test_sizes_are_in_millimetres() -> None:
     assert sizes(Fin()) == {
-        "material": "E = 1.2 GPa",
+        "material": "E = 2 GPa",
         "length": "80.0 mm",
         "height": "25.0 mm",
         "thickness": "0.208 mm",

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from fin_bringup import study_nodes
 from fin_optimizer.commands import score_bag, show_study
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
+from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.records import read_trials
-from fin_plant.fin import node_table
+from fin_plant.fin import Fin, node_table
 from fin_plant.node_parameters import decides_swim, descriptor
 from support.source_tree import SOURCE
 
@@ -61,16 +63,36 @@ def test_it_is_gone_on_with(study: Path) -> None:
         assert opened.next_candidate(plan.search) == (3, {"fin.young_modulus": NEXT})
 
 
+def test_another_fin_or_fish_that_is_asked_for_is_not_taken_for_its_own(study: Path) -> None:
+    simulator, _ = study_nodes.nodes({"study_folder": str(study), "body.drag_area": "1.2e-3"})
+    assert "body.drag_area" not in simulator.parameters  # today's default
+    asked = OPTIMIZER_PARAMETERS.checked({**SETTINGS, "study_folder": str(study), "fin.segments": 4})
+    with pytest.raises(StudyError, match=r"fin\.segments is 3 there and 4 here"):
+        Study.open(study, StudyPlan.from_parameters(asked).settings)
+
+
+def test_a_new_study_has_the_defaults_of_today(tmp_path: Path) -> None:
+    simulator, optimizer = study_nodes.nodes({"study_folder": str(tmp_path / "new")})
+    assert "body.drag_area" not in simulator.parameters
+    assert not [name for name in optimizer.parameters if name.startswith("fin.")]
+    plan = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(optimizer.parameters))
+    assert plan.fin == Fin()
+
+
 def test_it_is_shown(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert show_study.main([str(study)]) == 0
     assert "0.6858 GPa" in capsys.readouterr().out
 
 
-def test_its_fish_is_the_simulators_of_today(study: Path) -> None:
+def test_it_is_gone_on_with_by_its_folder_alone_whatever_the_defaults_of_today(study: Path) -> None:
+    arguments = {**{name: str(value) for name, value in SETTINGS.items()}, "study_folder": str(study)}
+    simulator, optimizer = study_nodes.nodes(arguments)
     entries = node_table("fin_sim", "simulator")
-    told = entries.checked({"speed": 0.0, "publish_clock": False, "command_timeout": 5.0})
+    told = entries.checked({**simulator.parameters, "publish_clock": False})
     deciding = {name for name, entry in entries.items() if decides_swim(name, descriptor(entry).description)}
     fish = {"plant": "simulator", **{name: value for name, value in told.items() if name in deciding}}
-    with Study.open(study, StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(SETTINGS)).settings) as opened:
+    plan = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(optimizer.parameters))
+    assert (plan.fin.segments, plan.fin.hinges, fish["body.drag_area"]) == (3, "between", 3.65e-3)
+    with Study.open(study, plan.settings) as opened:
         assert opened.keep_or_compare(fish) == []
         assert opened.keep_or_compare({**fish, "drive.ramp_time": 0.6}) == ["drive.ramp_time is 0.5 there and 0.6 here"]

@@ -231,10 +231,10 @@ def test_the_heading_of_a_picture_says_which_fin_swims_how(
     _run(capsys, *SHORT, "--sweep", "fin.length=0.06,0.08", "--plot", tmp_path / "sweep.png")
     assert [figure.get_suptitle() for figure in drawn] == [
         (
-            "fin 8 cm long, 2.5-4-2.5 cm high, 0.208 mm thick, E 1.2 GPa; "
+            "fin 8 cm long, 2.5-4-2.5 cm high, 0.208 mm thick, E 2 GPa; "
             "carangiform 20\N{DEGREE SIGN} 0.9 Hz; swims of 3 s"
         ),
-        "fin 2.5 cm high, 0.208 mm thick, E 1.2 GPa; carangiform 15\N{DEGREE SIGN} 0.9 Hz; swims of 3 s",
+        "fin 2.5 cm high, 0.208 mm thick, E 2 GPa; carangiform 15\N{DEGREE SIGN} 0.9 Hz; swims of 3 s",
     ]
 
 

@@ -20,6 +20,7 @@ from fin_sim.swim import swim
 FOLDING = [
     *("--fin.young_modulus", "1.23e7", "--fin.length", ".079", "--fin.height", ".011", "--fin.tip_height", ".025"),
     *("--fin.thickness", ".00032", "--frequency", "5.5", "--amplitude", "36", "--duration", "3"),
+    *("--fin.segments", "3", "--fin.hinges", "between"),
 ]
 
 

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, cast
 from fin_bringup.plants import plant_named
 from fin_bringup.study_arguments import NAMESPACE, parameters_of, refuse_unknown, words_of
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER, OPTIMIZER_PARAMETERS
+from fin_optimizer.study.journal import StudyError
+from fin_plant.paths import given_path
 from fin_servo_driver import robot_file
 
 if TYPE_CHECKING:
@@ -70,6 +72,7 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     if not values.get("repeats"):
         values["repeats"] = _REPEATS.get(kind, "1")
     refuse_unknown(values, kind)
+    values = {**_of_its_time(values.get("study_folder", "")), **values}
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, parameters_of(OPTIMIZER_PARAMETERS, values))
     if kind != "sim" and "objective" in optimizer.parameters:
         msg = f"objective:={values['objective']} needs a plant that tells its servos' torques, and of all only sim does"
@@ -84,6 +87,22 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
                 chosen |= {name: value for name, value in _LATER_FISH.items() if name in node.table}
             specs.append(NodeSpec(node.package, node.name, node.name, each, chosen))
     return (*specs, optimizer)
+
+
+def _of_its_time(study_folder: str) -> dict[str, str]:
+    """Return the arguments that a study was begun with by default, where the defaults are others today."""
+    if not study_folder:
+        return {}
+    folder = given_path(study_folder)
+    if not folder.is_dir():
+        return {}
+    from fin_optimizer.study.records import earlier_defaults  # noqa: PLC0415 - a new study need not wait for Optuna
+
+    try:
+        there = earlier_defaults(folder)
+    except (OSError, StudyError):
+        return {}  # the optimiser says what is wrong with it
+    return {name: value if isinstance(value, str) else json.dumps(value) for name, value in there.items()}
 
 
 def check_robot_files(specs: Iterable[NodeSpec]) -> None:

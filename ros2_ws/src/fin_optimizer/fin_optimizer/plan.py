@@ -14,8 +14,10 @@ from fin_optimizer.search.rules import gait_of
 from fin_optimizer.search.space import Choice, Dimension, Space
 from fin_optimizer.search.space_file import SPACE_FILE, read_space
 from fin_optimizer.study.file_names import SETTINGS_FILE
+from fin_optimizer.study.folder import read_settings
+from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.ledger import Study
-from fin_optimizer.study.settings import Objective, Policy, Settings, sent_parameters
+from fin_optimizer.study.settings import Objective, Policy, Settings, begun_by_default, sent_parameters
 from fin_optimizer.trial.phases import Timeouts
 from fin_optimizer.words import MODULUS
 from fin_plant.fin import AREA, Fin
@@ -92,6 +94,7 @@ class StudyPlan:
         Raises:
             ValueError: A range that is upside down, a fin that cannot be, or a search that does not fit.
         """
+        values = {**values, **_of_its_time(values)}
         objective = Objective(values["objective"])
         fin = Fin.from_parameters(values)
         drive = _built(JointDrive, values, "gait.")
@@ -166,6 +169,17 @@ class StudyPlan:
             msg = f"study_folder {folder} cannot be used: {error.strerror or error}; choose one that can be written"
             raise ValueError(msg) from error
         return study
+
+
+def _of_its_time(values: Mapping[str, Any]) -> dict[str, Value]:
+    """Return the settings that a study was begun with by default, where nothing but today's default is asked for."""
+    if not values["study_folder"]:
+        return {}
+    try:
+        there = begun_by_default(read_settings(given_path(values["study_folder"])).details)
+    except (OSError, StudyError):
+        return {}  # there is none yet, or `study` says what is wrong with it
+    return {name: value for name, value in there.items() if values[name] == OPTIMIZER_PARAMETERS[name].default}
 
 
 _AS_GIVEN = [field.name for field in fields(StudyPlan) if field.name in OPTIMIZER_PARAMETERS and field.name != "plants"]

@@ -42,7 +42,7 @@ def node_table(package: str, node: str) -> ParameterTable:
 
 @dataclass(frozen=True)
 class Fin:
-    """A fin of linear height profile; without arguments the *paper fin* at its default stiffness.
+    """A fin of linear height profile; without arguments a sheet of the papers' size, as its hinges converge to it.
 
     Attributes are the plant's parameters ``fin.<name>``; their units, ranges and reasons stand in
     ``plant_parameters.yaml``.

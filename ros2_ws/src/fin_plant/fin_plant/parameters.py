@@ -33,7 +33,8 @@ class Parameter:
     Attributes:
         one_for_each: Name of the list of which each entry has one here; empty for a value that stands for itself.
         decides_swim: Whether a fish with another value swims otherwise, of a plant's parameter.
-        earlier: Value that all fish had before there was this parameter; None for those of the first version.
+        earlier: Value that all fish had before there was this parameter, or its default before today's, with which a
+            study of that time goes on; None for those that are as the first version had them.
     """
 
     name: str

@@ -20,7 +20,8 @@ __all__ = ["PAPER_FISH", "SIMULATOR_PARAMETERS", "Swim", "swim", "swim_chain"]
 
 SIMULATOR_PARAMETERS = load_table("fin_sim", "simulator_parameters.yaml")
 PAPER_FISH = Fish.from_parameters(SIMULATOR_PARAMETERS.checked({}))
-"""The papers' fish: body of 14 cm; its numbers and their reasons stand in ``simulator_parameters.yaml``."""
+"""The papers' fish as it was measured: body of 14 cm; its numbers and their reasons stand in
+``simulator_parameters.yaml``."""
 
 RAMP_TIME = 0.5
 STEP = 1e-3
@@ -140,7 +141,7 @@ def swim(
     """Swim a fish from rest.
 
     Args:
-        fin: The fin; the paper fin where none is given.
+        fin: The fin; the default one where none is given.
         fish: The fish.
         gait: The gait, one row for each driven joint.
         duration: s.

@@ -62,7 +62,7 @@ _PIPE_WIDTH = 140
 _MANY_SWIMS = 500
 _EXAMPLES = """examples:
   swim
-      the paper's fish with the paper fin, 10 s
+      the default fish and fin, of the papers' size, 10 s
   swim --fin.young_modulus 2e9 --plot swim.png
       a stiffer fin, with a picture
   swim --material PP

@@ -17,9 +17,10 @@ import optuna
 
 from fin_optimizer.study.candidate import TrialRecord
 from fin_optimizer.study.checked_journal import WRONG_CONTENT, storage_of
-from fin_optimizer.study.file_names import JOURNAL_FILE
+from fin_optimizer.study.file_names import JOURNAL_FILE, SETTINGS_FILE
 from fin_optimizer.study.folder import bags_in, read_settings, settings_and_sum
 from fin_optimizer.study.journal import STUDY_NAME, JournalLines, StudyError
+from fin_optimizer.study.settings import begun_by_default
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import trial_name
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
     from fin_optimizer.search.space import Values
     from fin_optimizer.study.settings import Settings
+    from fin_plant.parameters import Value
 
 FISH = "fish"
 """Of the study in Optuna's ledger: what swims."""
@@ -78,6 +80,18 @@ def read_ledger(folder: Path, tell: Callable[[str], object] = _tell) -> tuple[li
             f"the journal's last entry is cut short ({length} bytes) and not counted; a kill or a running study does so"
         )
     return [record_of(trial) for trial in frozen], fish_in(storage) if lines.count else {}
+
+
+def earlier_defaults(folder: Path) -> dict[str, Value]:
+    """Return what the study in a folder, or its fish, has because it was the default then; nothing of no study.
+
+    Raises:
+        StudyError: The study cannot be read.
+    """
+    if not (folder / SETTINGS_FILE).exists():
+        return {}
+    fish = read_ledger(folder, lambda _: None)[1] if (folder / JOURNAL_FILE).exists() else {}
+    return begun_by_default({**read_settings(folder).details, **fish})
 
 
 def fish_in(storage: JournalStorage) -> Mapping[str, object]:

@@ -197,9 +197,15 @@ def _in_words(dimension: AnyDimension) -> tuple[str, str]:
 
 @cache
 def _earlier() -> dict[str, Value]:
-    """Return what fins and fish had for parameters that came later."""
+    """Return what fins and fish had for parameters that came later or have another default since."""
     table = node_table("fin_sim", "simulator")
     return {name: entry.earlier for name, entry in table.items() if entry.earlier is not None}
+
+
+def begun_by_default(there: Mapping[str, object]) -> dict[str, Value]:
+    """Return what a study has, by its settings or its fish, that was the default when it was begun and is not now."""
+    table = node_table("fin_sim", "simulator")
+    return {n: value for n, value in _earlier().items() if there.get(n) == value != table[n].default}
 
 
 def differing(there: Mapping[str, object], here: Mapping[str, object]) -> list[str]:

@@ -43,7 +43,7 @@ def _profile_column(profiles: Sequence[Sequence[float]]) -> NDArray[np.generic]:
 
 
 def fin_columns(fins: Sequence[Fin] | FinColumns) -> dict[str, NDArray[np.generic]]:
-    """Return the fins' attributes as columns of one length, those not given at the paper fin's.
+    """Return the fins' attributes as columns of one length, those not given at the default fin's.
 
     A profile is the same for all fins of columns; there are columns of profiles only where a fin has one.
 

@@ -107,8 +107,9 @@ def swim_batch(
     A fin's result depends on nothing but itself: not on the other fins, their order or the number of threads.
 
     Args:
-        fins: The fins, or columns of their attributes (shape (n,), or one value for all; what is not given is the paper
-            fin's), which spares building n objects. A fin that `Fin` would not accept gets the status ``REFUSED``.
+        fins: The fins, or columns of their attributes (shape (n,), or one value for all; what is not given is the
+            default fin's), which spares building n objects. A fin that `Fin` would not accept gets the status
+            ``REFUSED``.
         fish: The fish.
         gait: The gait, one row for each driven joint.
         duration: s.

@@ -21,7 +21,8 @@ Precision = Literal["double", "single"]
 
 STEPS_A_BEAT = 56.0
 LONGEST_STEP = 0.02
-"""Default step in s for slow gaits: the paper fins' mean speeds are then within 0.1 % of the converged ones."""
+"""Default step in s for slow gaits: the mean speeds of fins like the default one are then within 0.1 % of the
+converged ones."""
 RAMP_STEPS, MOST_STEPS_A_BEAT = 16.0, 224.0
 """Least steps in the gait's ramp, as far as that takes no more than so many a beat."""
 LEAST_STEPS = 4

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fin_plant.figures import new_figure, own_style
 from fin_plant.fin import Fin
 from fin_sim import closed_forms
+from fin_sim.batch import swim_batch
 from fin_sim.chain import fin_links
 from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, TAIL_COLOUR
-from fin_sim.swim import swim
+from fin_sim.presets import preset
+from fin_sim.swim import STEP, swim
 from fin_sim.validation.page import Check, Section
 
 if TYPE_CHECKING:
@@ -24,14 +26,20 @@ FIGURE = "validation_convergence.png"
 # Powers of two of the sample time, so that every step divides it and the ramp's end falls on a step.
 STEPS = np.array([0.0625 / 2.0**power for power in range(2, 8)])
 _FINEST = 0.0625 / 2.0**10
+FEW = preset("three_segments").fin
+"""Of few segments, so that no hinge is stiff: there the integration shows its order. With stiff ones it has less."""
 SEGMENTS = (3, 4, 5, 6, 8, 10, 14, 20)
+_SOFT, _STIFF = 0.8e9, 4e9
+"""E of fins, Pa, that swim half as fast as the best, and the stiffest that a study looks at by default."""
+ALLOWED_CHANGE = 0.01
+"""By how much of the speed segments, step and lanes may change a default swim."""
 
 
-def step_errors(reactive: str = "distributed") -> NDArray[np.float64]:
-    """Return the relative errors of the distance swum in 5 s by the paper fin with the steps `STEPS`, shape (6,)."""
+def step_errors(fin: Fin) -> NDArray[np.float64]:
+    """Return the relative errors of the distance swum in 5 s by a fin with the steps `STEPS`, shape (6,)."""
 
     def distance(step: float) -> float:
-        return float(swim(Fin(), duration=5.0, step=step, sample_time=0.0625, reactive=reactive).x[-1])  # type: ignore[arg-type]
+        return float(swim(fin, duration=5.0, step=step, sample_time=0.0625).x[-1])
 
     finest = distance(_FINEST)
     return np.array([abs(distance(step) / finest - 1.0) for step in STEPS])
@@ -53,9 +61,26 @@ def static_deflection(fin: Fin) -> float:
     return float(np.sum(arms**2 / stiffness) / beam)
 
 
-def swim_speeds(segments: tuple[int, ...] = SEGMENTS) -> NDArray[np.float64]:
-    """Return the mean speeds in m/s over 10 s of the paper fin, hinges `midpoint`, for each number of segments."""
-    return np.array([swim(Fin(segments=count, hinges="midpoint"), step=2e-3).mean_speed for count in segments])
+def swim_speeds(segments: tuple[int, ...] = SEGMENTS, **attributes: Any) -> NDArray[np.float64]:
+    """Return the mean speeds in m/s over 10 s of the default fin, for each number of segments.
+
+    Args:
+        segments: The numbers.
+        attributes: Other values of the fin.
+    """
+    return np.array([swim(Fin(**{**attributes, "segments": n}), step=2e-3).mean_speed for n in segments])
+
+
+def default_swim_changes() -> dict[str, float]:
+    """Return by how much of the mean speed a default swim changes in finer segments, at a finer step and in a batch."""
+    fin = Fin()
+    speed = swim(fin).mean_speed
+    others = {
+        f"{fin.segments} to {2 * fin.segments} segments": swim(replace(fin, segments=2 * fin.segments)).mean_speed,
+        "the step halved": swim(fin, step=0.5 * STEP).mean_speed,
+        "in a batch": float(swim_batch([fin]).mean_speed[0]),
+    }
+    return {name: other / speed - 1.0 for name, other in others.items()}
 
 
 def extrapolated(segments: tuple[int, ...], speeds: NDArray[np.float64]) -> float:
@@ -66,17 +91,21 @@ def extrapolated(segments: tuple[int, ...], speeds: NDArray[np.float64]) -> floa
 
 @dataclass(frozen=True)
 class SegmentErrors:
-    """How the paper fin depends on its number of segments.
+    """How the default fin depends on its number of segments.
 
     Attributes:
         static: Relative errors of the static tip deflection, hinges `midpoint`, shape (S,).
         speeds: Mean speeds over 10 s in m/s with hinges `midpoint`, shape (S,).
         between: The same with the papers' hinges `between` the segments.
+        soft: As `speeds`, of a fin of 0.8 GPa.
+        stiff: As `speeds`, of a fin of 4 GPa.
     """
 
     static: NDArray[np.float64]
     speeds: NDArray[np.float64]
     between: NDArray[np.float64]
+    soft: NDArray[np.float64]
+    stiff: NDArray[np.float64]
 
     @property
     def static_order(self) -> float:
@@ -102,55 +131,79 @@ class SegmentErrors:
 def segment_errors() -> SegmentErrors:
     """Return the errors of the numbers of segments `SEGMENTS`."""
     deflections = np.array([static_deflection(Fin(segments=n, hinges="midpoint")) for n in SEGMENTS])
-    between = np.array([swim(Fin(segments=n), step=2e-3).mean_speed for n in SEGMENTS])
-    return SegmentErrors(1.0 - deflections, swim_speeds(), between)
+    return SegmentErrors(
+        static=1.0 - deflections,
+        speeds=swim_speeds(),
+        between=swim_speeds(hinges="between"),
+        soft=swim_speeds(young_modulus=_SOFT),
+        stiff=swim_speeds(young_modulus=_STIFF),
+    )
 
 
 def section(figures: Path) -> Section:
     """Return the part on convergence and draw its picture."""
-    steps, segments = step_errors(), segment_errors()
-    _draw(figures / FIGURE, steps, segments)
-    columns = zip(SEGMENTS, segments.speeds, segments.between, strict=True)
-    rows = [f"| {n} | {100.0 * a:.3f} | {100.0 * b:.3f} |" for n, a, b in columns]
+    steps, segments = (step_errors(FEW), step_errors(Fin())), segment_errors()
+    _draw(figures / FIGURE, *steps, segments)
+    curves = (segments.speeds, segments.soft, segments.stiff)
+    misses = [curve / extrapolated(SEGMENTS, curve) - 1.0 for curve in curves]
+    columns = zip(SEGMENTS, segments.speeds, *misses, segments.between, strict=True)
+    rows = [
+        f"| {n} | {100.0 * speed:.3f} | {own:+.2%} | {soft:+.2%} | {stiff:+.2%} | {100.0 * between:.3f} |"
+        for n, speed, own, soft, stiff, between in columns
+    ]
     text = f"""
-Mean speed of the paper fin over 10 s by the number of segments. `midpoint` tends to
-{100.0 * segments.limit:.3f} cm/s with order 2. The papers' hinges `between` the segments stand for a stiffer root,
-since their first segment is rigid: with three of them they are another fin than the sheet, and tend to it with order 1
-only.
+Mean speed of the default fin ({1e-9 * Fin().young_modulus:g} GPa) over 10 s by the number of segments, and how far it
+is from the limit, also of a fin of {1e-9 * _SOFT:g} GPa, half as fast as the best, and one of {1e-9 * _STIFF:g} GPa.
+`midpoint` tends to {100.0 * segments.limit:.3f} cm/s with order 2. {Fin().segments} segments are the least with which
+all three are within 1 %, hence the default. The papers' hinges `between` the segments stand for a stiffer root, since
+their first segment is rigid: with three of them they are another fin than the sheet, and tend to it with order 1 only.
 
-| N | `midpoint`, cm/s | `between`, cm/s |
-|---|---|---|
+| N | `midpoint`, cm/s | off | off at 0.8 GPa | off at 4 GPa | `between`, cm/s |
+|---|---|---|---|---|---|
 {chr(10).join(rows)}
 """
     caption = "Error over the time step and over the number of segments."
-    return Section("Convergence", _checks(steps, segments), text, FIGURE, caption)
+    return Section("Convergence", _checks(*steps, segments), text, FIGURE, caption)
 
 
-def _checks(steps: NDArray[np.float64], segments: SegmentErrors) -> list[Check]:
-    steps_order, swim_order = order(STEPS, steps), segments.swimming_order
-    at_default = float(np.interp(1e-3, STEPS[::-1], steps[::-1]))
+def _checks(few: NDArray[np.float64], steps: NDArray[np.float64], segments: SegmentErrors) -> list[Check]:
+    steps_order, swim_order = order(STEPS, few), segments.swimming_order
+    at_default = float(np.interp(STEP, STEPS[::-1], steps[::-1]))
     static_miss = max(
         abs(static_deflection(Fin(segments=n, hinges="midpoint")) - closed_forms.midpoint_deflection(n))
         for n in (3, 5, 10)
     )
     return [
-        Check("order of the integration, less 4", steps_order - 4.0, 0.3, f"{steps_order:.2f}, steps 0.5 to 16 ms"),
+        Check(
+            "order of the integration, less 4",
+            steps_order - 4.0,
+            0.3,
+            f"{steps_order:.2f}, three segments, steps 0.5 to 16 ms",
+        ),
         Check("error of the distance at the default step of 1 ms", at_default, 1e-6),
         Check("order of `midpoint` in N, static tip deflection, less 2", segments.static_order - 2.0, 0.02),
         Check("static tip deflection at N = 3, 5, 10 against 1 - 1/(4 N^2)", static_miss, 1e-12, "0.972, 0.990, 0.998"),
         Check(
             "order of `midpoint` in N, swimming speed, less 2", swim_order - 2.0, 0.3, f"{swim_order:.2f}, N 3 to 10"
         ),
+        *(
+            Check(f"mean speed of a default swim, {name}: change", change, ALLOWED_CHANGE)
+            for name, change in default_swim_changes().items()
+        ),
     ]
 
 
 @own_style()
-def _draw(path: Path, steps: NDArray[np.float64], segments: SegmentErrors) -> None:
+def _draw(path: Path, few: NDArray[np.float64], steps: NDArray[np.float64], segments: SegmentErrors) -> None:
     figure, axes = new_figure(11.0, 4.2, 1, 2)
     left, right = axes.flat
-    left.loglog(1e3 * STEPS, steps, "o-", color=BODY_COLOUR, label=f"distance swum, order {order(STEPS, steps):.2f}")
-    left.loglog(1e3 * STEPS, steps[2] * (STEPS / STEPS[2]) ** 4, "--", color=TAIL_COLOUR, label="order 4")
-    left.set(xlabel="time step, ms", ylabel="relative error", title="Integration")
+    for errors, style, colour, name in (
+        (few, "o-", BODY_COLOUR, "three segments"),
+        (steps, "s-", FIN_COLOUR, "default fin"),
+    ):
+        left.loglog(1e3 * STEPS, errors, style, color=colour, label=f"{name}, order {order(STEPS, errors):.2f}")
+    left.loglog(1e3 * STEPS, few[2] * (STEPS / STEPS[2]) ** 4, "--", color=TAIL_COLOUR, label="order 4")
+    left.set(xlabel="time step, ms", ylabel="relative error of the distance swum", title="Integration")
     counts, static = np.array(SEGMENTS, dtype=float), segments.static
     for over, errors, style, colour, label in (
         (counts, static, "o-", FIN_COLOUR, f"static tip deflection, order {segments.static_order:.2f}"),

@@ -6,6 +6,8 @@ import textwrap
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from fin_plant.fin import Fin
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
@@ -121,9 +123,10 @@ def render(sections: list[Section]) -> str:
 Made by `make validation` (`./run fin_sim validation`) from what is committed; do not edit it by hand. {met} of
 {len(checks)} figures meet their target{told if findings else ""}. Symbols:
 E Young's modulus, U speed, S C_D drag area, C_N coefficient of the
-resistive force. The *paper fin* is 8.0 cm long, 2.5 cm high and 0.208 mm thick in three segments, driven at 0.9 Hz and
-15 degrees either way on a body of 14 cm; the papers print a thickness of 1 mm, with which their own equation 3 makes
-the fin rigid at 0.9 Hz, and 0.208 mm gives the hinge stiffnesses that they print."""
+resistive force. The *default fin* is what the simulator swims where nothing is said: {Fin().describe()}, hinges in
+the middles of {Fin().segments} segments, driven at 0.9 Hz and 15 degrees either way on a body of 14 cm. Its size is
+that of the papers' fin; they print a thickness of 1 mm, with which their own equation 3 makes the fin rigid at 0.9 Hz,
+and 0.208 mm gives the hinge stiffnesses that they print."""
     return (
         "\n\n".join(
             ["# Validation of the simulated fish", _filled(head), *(section.markdown() for section in sections)]

@@ -349,7 +349,7 @@ def _sensitivity() -> str:
     """Return the table of the assumed numbers."""
     rows = [f"| `{name}` | {value:.4g} | {change:+.1%} |" for name, value, change in sensitivities()]
     return f"""\
-**Sensitivity.** Change of the paper fin's mean speed over 10 s (E = 1.2 GPa, `distributed`) when a number is half as
+**Sensitivity.** Change of the default fin's mean speed over 10 s (`distributed`) when a number is half as
 large again:
 
 | number | value, SI | change of mean speed |
