@@ -19,6 +19,7 @@ from fin_optimizer.search.space_file import SPACE_FILE, read_space
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.settings import Settings
+from fin_plant import yaml_file
 from fin_plant.fin import Fin
 from fin_plant.paths import config_folder
 
@@ -71,6 +72,12 @@ def test_every_candidate_of_the_drawer_can_be_cut_and_driven(seed: int, number: 
 
 
 DRAWER_SPACE = read_space(DRAWER, START)
+
+
+def test_the_page_shows_the_drawer_as_it_is() -> None:
+    page = (DRAWER.parents[4] / "docs" / "trials.md").read_text(encoding="utf-8")
+    shown = page.split("```yaml\n")[1].split("```")[0]
+    assert yaml_file.parse(shown) == yaml_file.read(DRAWER)
 
 
 @pytest.mark.parametrize("name", [name for name, ability in ALGORITHMS.items() if ability.choices])

@@ -27,6 +27,7 @@ setup(
     entry_points={
         "console_scripts": [
             "materials = fin_sim.materials_command:main",
+            "measure_strip = fin_sim.measure_strip:main",
             "simulator = fin_sim.simulator:main",
             "swim = fin_sim.swim_command:main",
             "validation = fin_sim.validation.command:main",
