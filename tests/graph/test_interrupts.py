@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 EXECUTABLES = sorted(
     (path.parent.name, path.name) for path in INSTALL.glob("*/lib/*/*") if path.is_file() and os.access(path, os.X_OK)
 )
-LONG_SWEEP = ("--sweep", "fin.length=0.06:0.10:4000", "--csv", "sweep.csv")
+LONG_VARIATION = ("--vary", "fin.length=0.06:0.10:4000", "--csv", "swims.csv")
 # What makes an executable work for some time, or get as far as it can without a device.
 ARGUMENTS = {
     "bench": ("--repeats", "50"),
@@ -33,7 +33,7 @@ ARGUMENTS = {
     "repair_bags": ("bags",),
     "score_bag": ("bags",),
     "show_study": ("study",),
-    "swim": LONG_SWEEP,
+    "swim": LONG_VARIATION,
     "validation": ("--data", str(ROOT / "tests/data"), "--docs", "docs"),
 }
 # Of programs that have read their files, found none or no device, before the signal came.

@@ -36,6 +36,7 @@ ROS_MODULES = {
     "fin_plant.node_process",
     "fin_plant.topics",
     "fin_servo_driver.driver_client",
+    "fin_servo_driver.driver_topics",
     "fin_servo_driver.emergency_stop",
     "fin_servo_driver.managed_node",
     "fin_servo_driver.operator",

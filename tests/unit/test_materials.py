@@ -13,8 +13,8 @@ import fin_sim
 from fin_plant.fin import Fin
 from fin_sim import materials_command, swim_command
 from fin_sim.materials import damping_time, material, materials
-from fin_sim.sweep import SwimPlan
 from fin_sim.swim import swim
+from fin_sim.variation import SwimPlan
 
 WANTED = [
     *("LDPE", "HDPE", "PP", "PET", "PMMA", "ABS", "PC", "POM", "nylon", "VeroWhite"),

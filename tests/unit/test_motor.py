@@ -299,10 +299,10 @@ def test_the_batch_tells_no_electrical_power_of_ideal_servos() -> None:
     assert np.isnan(batch.servo_torque[0])
 
 
-def test_a_sweep_over_the_stall_torque_has_one_table_quick_or_not(capsys: pytest.CaptureFixture[str]) -> None:
-    sweep = ("--sweep", "servo.stall_torque=0,0.3", "--duration", "3", "--fin.damping_time", "0.01", "--json")
+def test_a_variation_over_the_stall_torque_has_one_table_quick_or_not(capsys: pytest.CaptureFixture[str]) -> None:
+    variation = ("--vary", "servo.stall_torque=0,0.3", "--duration", "3", "--fin.damping_time", "0.01", "--json")
     for more in ((), ("--quick",)):
-        assert swim_command.main([*sweep, *more]) == 0
+        assert swim_command.main([*variation, *more]) == 0
         ideal, motor = json.loads(capsys.readouterr().out)
         assert ideal.keys() == motor.keys()
         assert ideal["mean_electrical_power"] is None

@@ -17,8 +17,8 @@ from fin_plant.fin import Fin
 from fin_plant.gait import carangiform
 from fin_sim import swim_command
 from fin_sim.dynamics import StepError
-from fin_sim.sweep import Axis, SwimPlan, parse_axis, sweep_plans, swim_all, swim_one
 from fin_sim.swim import swim
+from fin_sim.variation import Axis, SwimPlan, parse_axis, swim_all, swim_one, varied_plans
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -81,9 +81,9 @@ def test_means_over_two_periods_are_those_of_the_swim(
         assert figures[f"mean_{name}_last_two_periods"] == pytest.approx(wanted, rel=1e-3)
 
 
-def test_sweep_over_two_numbers_has_a_row_for_each_pair(capsys: pytest.CaptureFixture[str]) -> None:
+def test_variation_over_two_numbers_has_a_row_for_each_pair(capsys: pytest.CaptureFixture[str]) -> None:
     out, _ = _run(
-        capsys, *SHORT, "--sweep", "fin.young_modulus=1e8:1e10:3:log", "--sweep", "frequency=0.9,1.8", "--csv", "-"
+        capsys, *SHORT, "--vary", "fin.young_modulus=1e8:1e10:3:log", "--vary", "frequency=0.9,1.8", "--csv", "-"
     )
     rows = list(csv.DictReader(io.StringIO(out)))
     assert [float(row["fin.young_modulus [Pa]"]) for row in rows] == pytest.approx([1e8, 1e8, 1e9, 1e9, 1e10, 1e10])
@@ -91,8 +91,14 @@ def test_sweep_over_two_numbers_has_a_row_for_each_pair(capsys: pytest.CaptureFi
     assert all(float(row["mean_speed [m/s]"]) > 0.0 for row in rows)
 
 
-def test_sweep_table_is_printed_whole(capsys: pytest.CaptureFixture[str]) -> None:
-    out, _ = _run(capsys, *SHORT, "--sweep", "fin.length=0.06,0.08")
+def test_the_first_name_of_an_option_still_holds(capsys: pytest.CaptureFixture[str]) -> None:
+    outputs = [_run(capsys, *SHORT, word, "fin.length=0.06,0.08", "--csv", "-")[0] for word in ("--vary", "--sweep")]
+    assert outputs[0] == outputs[1]
+    assert len(outputs[0].splitlines()) == 3
+
+
+def test_variation_table_is_printed_whole(capsys: pytest.CaptureFixture[str]) -> None:
+    out, _ = _run(capsys, *SHORT, "--vary", "fin.length=0.06,0.08")
     assert "fin.length" in out
     assert "0.06" in out
     assert "…" not in out
@@ -187,20 +193,20 @@ def test_pictures_are_written_and_a_replaced_file_is_told(capsys: pytest.Capture
     assert sorted(path.name for path in tmp_path.iterdir()) == ["swim.gif", "swim.png"]
 
 
-def test_sweep_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    _run(capsys, *SHORT, "--sweep", "fin.young_modulus=1e8,1e9", "--plot", tmp_path / "sweep.png")
-    assert (tmp_path / "sweep.png").stat().st_size > 10_000
+def test_variation_is_drawn(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    _run(capsys, *SHORT, "--vary", "fin.young_modulus=1e8,1e9", "--plot", tmp_path / "swims.png")
+    assert (tmp_path / "swims.png").stat().st_size > 10_000
 
 
 def test_csv_and_json_tell_the_units(capsys: pytest.CaptureFixture[str]) -> None:
     out, _ = _run(capsys, *SHORT, "--csv", "-")
     assert out.splitlines()[0].startswith("t [s],x [m],y [m],psi [rad],theta0 [rad],")
     assert json.loads(_run(capsys, *SHORT, "--json")[0])["units"]["mean_speed"] == "m/s"
-    sweep = (*SHORT, "--sweep", "fin.young_modulus=1e9,2e9")
-    row = next(csv.DictReader(io.StringIO(_run(capsys, *sweep, "--csv", "-")[0])))
+    variation = (*SHORT, "--vary", "fin.young_modulus=1e9,2e9")
+    row = next(csv.DictReader(io.StringIO(_run(capsys, *variation, "--csv", "-")[0])))
     assert {"fin.young_modulus [Pa]", "mean_speed [m/s]", "mean_servo_power [W]", "strouhal_number"} <= row.keys()
     assert float(row["mean_speed [m/s]"]) == pytest.approx(swim(Fin(young_modulus=1e9), duration=3.0).mean_speed)
-    assert json.loads(_run(capsys, *sweep, "--json")[0])[0]["units"]["fin.young_modulus"] == "Pa"
+    assert json.loads(_run(capsys, *variation, "--json")[0])[0]["units"]["fin.young_modulus"] == "Pa"
 
 
 @pytest.mark.parametrize("kind", ["pdf", "svg"])
@@ -228,7 +234,7 @@ def test_the_heading_of_a_picture_says_which_fin_swims_how(
     drawn = _drawn(monkeypatch)
     profile = ("--fin.profile_position", "0.5", "--fin.profile_height", "0.04", "--amplitude", "20")
     _run(capsys, *SHORT, *profile, "--plot", tmp_path / "swim.png")
-    _run(capsys, *SHORT, "--sweep", "fin.length=0.06,0.08", "--plot", tmp_path / "sweep.png")
+    _run(capsys, *SHORT, "--vary", "fin.length=0.06,0.08", "--plot", tmp_path / "swims.png")
     assert [figure.get_suptitle() for figure in drawn] == [
         (
             "fin 8 cm long, 2.5-4-2.5 cm high, 0.208 mm thick, E 2 GPa; "
@@ -244,7 +250,7 @@ def test_many_values_of_a_second_number_are_a_map_with_the_fastest_swim_marked(
     drawn = _drawn(monkeypatch)
     lengths = "fin.length=0.05:0.12:8"
     out, _ = _run(
-        capsys, *SHORT, "--sweep", "fin.young_modulus=1e8,1e9,1e10", "--sweep", lengths, "--plot",
+        capsys, *SHORT, "--vary", "fin.young_modulus=1e8,1e9,1e10", "--vary", lengths, "--plot",
         tmp_path / "map.png", "--json",
     )  # fmt: skip
     rows = json.loads(out)
@@ -259,12 +265,12 @@ def test_many_values_of_a_second_number_are_a_map_with_the_fastest_swim_marked(
     assert np.asarray(mark.get_xydata()).tolist() == [[fastest["fin.young_modulus"], fastest["fin.length"]]]
 
 
-def test_a_sweep_shows_the_units_of_its_numbers(
+def test_a_variation_shows_the_units_of_its_numbers(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     drawn = _drawn(monkeypatch)
-    arguments = (*SHORT, "--sweep", "fin.young_modulus=1e9,2e9", "--sweep", "frequency=0.9,1.8")
-    out, _ = _run(capsys, *arguments, "--plot", tmp_path / "sweep.png")
+    arguments = (*SHORT, "--vary", "fin.young_modulus=1e9,2e9", "--vary", "frequency=0.9,1.8")
+    out, _ = _run(capsys, *arguments, "--plot", tmp_path / "swims.png")
     names, units = (line.replace("┃", " ").split() for line in out.splitlines()[1:3])
     assert (names[:2], units[:2]) == (["fin.young_modulus", "frequency"], ["Pa", "Hz"])
     panel = drawn[0].axes[0]
@@ -290,37 +296,37 @@ def test_a_sweep_shows_the_units_of_its_numbers(
         (("--material", "wood"), "material 'wood'"),
         (("--material", "DM8510"), "No modulus"),
         (("--material", "PP", "--fin.young_modulus", "1e9"), "leave one of them out"),
-        (("--sweep", "fin.colour=1,2"), "fin.colour is not a parameter"),
-        (("--sweep", "fin.hinges=1,2"), "it is no number"),
-        (("--sweep", "frequency=1:2"), "FIRST:LAST:COUNT"),
-        (("--sweep", "frequency=0:2:3:log"), "values above 0"),
-        (("--sweep", "frequency=1:2:3", "--sweep", "frequency=1:2:3"), "one or two different numbers"),
-        (("--sweep", "frequency=1:2:1e6"), "count = 1e+06"),
-        (("--sweep", "fin.length=0.08,9"), "fin.length = 9 m"),
+        (("--vary", "fin.colour=1,2"), "fin.colour is not a parameter"),
+        (("--vary", "fin.hinges=1,2"), "it is no number"),
+        (("--vary", "frequency=1:2"), "FIRST:LAST:COUNT"),
+        (("--vary", "frequency=0:2:3:log"), "values above 0"),
+        (("--vary", "frequency=1:2:3", "--vary", "frequency=1:2:3"), "one or two different numbers"),
+        (("--vary", "frequency=1:2:1e6"), "count = 1e+06"),
+        (("--vary", "fin.length=0.08,9"), "fin.length = 9 m"),
         (("--case", "nothing.json"), "nothing.json"),
         (("--case", str(CASES / "plate_fixed.json"), "--duration", "3"), "leave out --duration"),
-        (("--case", str(CASES / "plate_fixed.json"), "--sweep", "frequency=1,2"), "leave out --sweep"),
+        (("--case", str(CASES / "plate_fixed.json"), "--vary", "frequency=1,2"), "leave out --vary"),
         (("--params-file", str(CASES / "plate_fixed.csv")), "not a ROS parameter file"),
         (("--servo.backlash", "0.1"), "servo.lag = 0 s"),
         (("--plot", "swim.jpg"), "must end in .png, .pdf or .svg"),
         (("--animate", "swim.avi"), "must end in .gif or .mp4"),
         (("--csv", "-", "--json"), "give the CSV a file"),
-        (("--sweep", "frequency=1,2", "--animate", "swim.gif"), "--animate shows one swim"),
+        (("--vary", "frequency=1,2", "--animate", "swim.gif"), "--animate shows one swim"),
         (("--csv", "nowhere/out.csv"), "its folder does not exist"),
         (("--csv", "a.png", "--plot", "./a.png"), "go to the same file"),
         (("--tow_speed", "0.03"), "tow_speed is that of a towed body, this one is free"),
-        (("--clamp", "fixed", "--sweep", "tow_speed=0.01,0.02"), "tow_speed is that of a towed body"),
+        (("--clamp", "fixed", "--vary", "tow_speed=0.01,0.02"), "tow_speed is that of a towed body"),
         (("--material", "PP", "--fin.density", "900"), "--material gives fin.density"),
         (("--material", "PP", "--params-file", str(PAPER)), "--material gives fin.young_modulus"),
-        (("--material", "PP", "--sweep", "fin.density=900,1000"), "--material gives fin.density"),
+        (("--material", "PP", "--vary", "fin.density=900,1000"), "--material gives fin.density"),
         (("--case", str(CASES / "plate_fixed.json"), "--step", "0"), "step = 0 s"),
         (("--case", str(CASES / "plate_fixed.json"), "--params-file", str(PAPER)), "leave out --params-file"),
         (("--frequency", "0"), "frequency = 0 Hz"),
-        (("--sweep", "frequency=0,1"), "frequency = 0 Hz"),
+        (("--vary", "frequency=0,1"), "frequency = 0 Hz"),
         (("--duration", "1e5"), "duration = 100000 s in steps of step = 0.001 s"),
         (("--step", "1e-7"), "duration = 10 s in steps of step = 1e-07 s"),
         (("--gait", "sub_carangiform"), "peduncle.length, peduncle.root_height"),
-        (("--sweep", "duration=1,2"), "duration is not a parameter that can be swept"),
+        (("--vary", "duration=1,2"), "duration is not a parameter that can vary"),
         (("--fin.segments", "abc"), "fin.segments = 'abc' must be a whole number: allowed is [1, 20]"),
     ],
 )
@@ -378,7 +384,7 @@ def test_swim_that_diverges_ends_with_1(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_sweep_leaves_a_gap_for_a_swim_that_diverges(
+def test_variation_leaves_a_gap_for_a_swim_that_diverges(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     swum = SwimPlan.swim
@@ -390,22 +396,22 @@ def test_sweep_leaves_a_gap_for_a_swim_that_diverges(
 
     monkeypatch.setattr(SwimPlan, "swim", diverge)
     file = tmp_path / "table.csv"
-    arguments = (*SHORT, "--sweep", "frequency=0.9,1,1.1", "--csv", file, "--plot", tmp_path / "sweep.png")
+    arguments = (*SHORT, "--vary", "frequency=0.9,1,1.1", "--csv", file, "--plot", tmp_path / "swims.png")
     _, err = _run(capsys, *arguments, code=1)
     rows = list(csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))))
     assert [row["frequency [Hz]"] for row in rows] == ["0.9", "1.0", "1.1"]
     assert [bool(row["mean_speed [m/s]"]) for row in rows] == [True, False, True]
     assert "frequency = 1: the state stopped being finite" in err
-    assert (tmp_path / "sweep.png").is_file()
+    assert (tmp_path / "swims.png").is_file()
 
 
-def test_the_swims_of_a_sweep_come_in_order_and_are_those_that_swim_alone() -> None:
+def test_the_swims_of_a_variation_come_in_order_and_are_those_that_swim_alone() -> None:
     plans = [SwimPlan({}, duration=0.3, frequency=frequency) for frequency in (3.0, 0.9, 2.0, 1.0, 5.0)]
     with swim_all(plans, cores=3) as swims:
         assert list(swims) == [swim_one(plan) for plan in plans]
 
 
-def test_interrupted_sweep_keeps_its_rows(
+def test_interrupted_variation_keeps_its_rows(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     swum = SwimPlan.swim
@@ -417,7 +423,7 @@ def test_interrupted_sweep_keeps_its_rows(
 
     monkeypatch.setattr(SwimPlan, "swim", interrupt)
     file = tmp_path / "table.csv"
-    _, err = _run(capsys, *SHORT, "--sweep", "frequency=0.9,1,1.1", "--csv", file, code=130)
+    _, err = _run(capsys, *SHORT, "--vary", "frequency=0.9,1,1.1", "--csv", file, code=130)
     rows = list(csv.DictReader(io.StringIO(file.read_text(encoding="utf-8"))))
     assert [row["frequency [Hz]"] for row in rows] == ["0.9"]
     assert "stopped after 1 of 3 swims" in err
@@ -435,10 +441,10 @@ def test_swim_within_its_ramp_shows_no_servo_torque(capsys: pytest.CaptureFixtur
     assert json.loads(_run(capsys, "--duration", "0.005", "--json")[0])["largest_servo_torque"] is None
 
 
-def test_sweep_spaces_its_values() -> None:
+def test_variation_spaces_its_values() -> None:
     assert parse_axis("frequency=1:2:3").values == (1.0, 1.5, 2.0)
     assert parse_axis("fin.length=0.05,0.1").values == (0.05, 0.1)
-    plans = sweep_plans(SwimPlan({}), [parse_axis("amplitude=10,20")])
+    plans = varied_plans(SwimPlan({}), [parse_axis("amplitude=10,20")])
     assert [plan.amplitude for _, plan in plans] == [10.0, 20.0]
     assert math.degrees(plans[1][1].drive(1).joints[0].amplitude) == pytest.approx(20.0)
 

@@ -51,9 +51,9 @@ def test_a_swim_that_folds_exits_with_its_angle_and_without_figures(capsys: pyte
     assert "degrees, more than 180" in err
 
 
-def test_a_sweep_leaves_a_gap_where_a_fin_folds(capsys: pytest.CaptureFixture[str]) -> None:
-    sweep = [*FOLDING[2:], "--sweep", "fin.young_modulus=1.23e7,4e9", "--json"]
-    assert swim_command.main(sweep) == 1
+def test_a_variation_leaves_a_gap_where_a_fin_folds(capsys: pytest.CaptureFixture[str]) -> None:
+    variation = [*FOLDING[2:], "--vary", "fin.young_modulus=1.23e7,4e9", "--json"]
+    assert swim_command.main(variation) == 1
     out, err = capsys.readouterr()
     rows = json.loads(out)
     assert rows[0]["mean_speed"] is None

@@ -172,9 +172,7 @@ def test_a_parameter_file_s_underscored_number_is_refused_by_swim(
     assert "fin.density = '1_000' must be a number" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "words", [["--duration", "1_0"], ["--sweep", "fin.length=0.05,1_0"], ["--fin.length", "0.0_8"]]
-)
+@pytest.mark.parametrize("words", [["--duration", "1_0"], ["--vary", "fin.length=0.05,1_0"], ["--fin.length", "0.0_8"]])
 def test_an_underscored_number_is_refused_by_swim(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     try:
         code: object = swim_command.main(words)

@@ -7,37 +7,27 @@ import sys
 import time
 from typing import TYPE_CHECKING, cast
 
-import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray  # noqa: TC002  (rclpy reads the annotation's class at run time)
 from std_srvs.srv import Trigger
 
 from fin_plant import node_process, topics
 from fin_plant.discovery import ends_of, no_fresh_gait
-from fin_plant.fin import FIN_PARAMETERS, Fin, node_table
-from fin_plant.gait import Gait
+from fin_plant.fin import Fin, node_table
 from fin_plant.messages import (
-    as_text,
     gait_from_message,
-    gait_message,
-    key_values,
-    plant_state_message,
-    time_message,
 )
 from fin_plant.node_parameters import NodeParameters
-from fin_plant.plant_state import EMERGENCY, LIMITS, PlantState, State
-from fin_servo_driver import backends, robot_file
+from fin_plant.plant_state import EMERGENCY, State
 from fin_servo_driver.accepted_gait import AcceptedGait, End, not_started
-from fin_servo_driver.diagnosis import Counters, describe
+from fin_servo_driver.diagnosis import Counters
+from fin_servo_driver.driver_topics import DriverTopics
 from fin_servo_driver.emergency_stop import EmergencyStop
 from fin_servo_driver.io_thread import IoThread
 from fin_servo_driver.line import DeviceError
 from fin_servo_driver.managed_node import ManagedNode
-from fin_servo_driver.port import SerialLine, name_warning
-from fin_servo_driver.relay import RelayMotion
-from fin_servo_driver.robot_states import NOT_CONFIGURED, Device, RobotStates, Waiting
-from fin_servo_driver.set_points import ServoMotion
+from fin_servo_driver.port import name_warning
+from fin_servo_driver.robot_setup import RobotSetup
+from fin_servo_driver.robot_states import NOT_CONFIGURED, Device, RobotStates
 from fin_servo_driver.tail import Phase, Settings
 from fin_servo_driver.wall_clock import stamp_of
 
@@ -46,19 +36,16 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+    from fin_plant.gait import Gait
     from fin_plant.parameters import Value
-    from fin_servo_driver.robot_file import Robot
     from fin_servo_driver.robot_states import Answer, Standing
     from fin_servo_driver.set_points import Motion
 
 PARAMETERS = node_table("fin_servo_driver", "servo_driver")
-MEASURED, COMMANDED = "measured", "commanded"
-"""What joint_states carries, as its frame_id: a joint state has no frame of its own."""
 # What a line that stalls may add to the time that the tail takes to neutral.
 _STALL_SECONDS = 1.6
 _ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
 _NICE = -10
-_PSEUDO_TERMINALS = "/dev/pts/"
 
 
 class ServoDriver:
@@ -85,20 +72,14 @@ class ServoDriver:
         self._states = RobotStates(self._values)
         self._emergency_seen = True
         self._accepted_gait = AcceptedGait()
-        self._applied = Gait.from_rows([[0.0, 0.0, 0.0, 0.0]])
         self._counters = Counters()
-        self._stamp = 0
-        self._published: tuple[object, ...] = ()
+        self._topics = DriverTopics(self.node, self._text("plant"))
         self._offer()
         self._stop = EmergencyStop(self.node, self._on_emergency_stop)
         self.publish_state()
 
     def _offer(self) -> None:
         node = self.node
-        offered = (topics.JOINT_STATES, topics.PLANT_STATE, topics.GAIT_APPLIED, topics.DIAGNOSTICS)
-        self._joint_states, self._state_topic, self._gait_applied, self._diagnostics = (
-            node.create_publisher(topic.type, topic.name, topic.qos) for topic in offered
-        )
         node.create_subscription(topics.GAIT.type, topics.GAIT.name, self._on_gait, topics.GAIT.qos)
         node.create_service(Trigger, f"~/{topics.REQUEST_RESET_SERVICE}", self._on_request_reset)
         node.create_service(Trigger, f"~/{topics.CONFIRM_FIN_SERVICE}", self._on_confirm_fin)
@@ -114,25 +95,12 @@ class ServoDriver:
             ValueError: The robot file is refused.
             DeviceError: Port or device are not as configured.
         """
-        robot = robot_file.load(robot_file.find(self._text("robot_file")))
-        backend = backends.make(robot)
-        port = self._text("port") or robot.port
-        if not port:
-            msg = "no port: give it in the robot file or as parameter port"
-            raise ValueError(msg)
-        if self._text("plant") == "rehearsal" and not os.path.realpath(port).startswith(_PSEUDO_TERMINALS):
-            msg = (
-                f"port {port} is no pseudo-terminal: a rehearsal arms its driver by itself, so it takes no real device"
-            )
-            raise ValueError(msg)
-        if warning := name_warning(port):
+        setup = RobotSetup.from_parameters(self._values)
+        if warning := name_warning(setup.port):
             self._log.warning(warning)
-        period = 1.0 / backend.rate
-        self._motion = _motion(robot, period)
-        baud = robot.baud or backend.baud
-        schemes = cast("list[str]", self._values["port_schemes"])
+        self._motion = setup.motion
         self._io = IoThread(
-            backend, self._motion, self._settings(), lambda: SerialLine(port, baud, schemes), port, self._log.warning
+            setup.backend, setup.motion, self._settings(), setup.open_line, setup.port, self._log.warning
         )
         try:
             self._io.start()
@@ -141,7 +109,7 @@ class ServoDriver:
             raise
         self._states.new_device()
         self._rest()
-        self._log.info(f"{port}: {self._io.health.identity}")
+        self._log.info(f"{setup.port}: {self._io.health.identity}")
 
     def arm(self) -> None:
         """Allow motion.
@@ -239,38 +207,14 @@ class ServoDriver:
 
     def publish_state(self, *, anew: bool = False) -> None:
         """Publish the state if it has changed, or in any case; with a new stamp unless a swim goes on."""
-        standing = self._look()
-        state, waiting = standing.state, standing.waiting
-        reason = "; ".join(filter(None, (standing.reason, self._parameters.awaited)))
-        key = (standing, self._states.swimming_since)
-        if key == self._published and not anew:
-            return
-        self._published = key
-        begun = self._states.swimming_since if state is State.SWIMMING else None
-        if begun is None or begun != self._stamp:
-            self._stamp = max(self._stamp + 1, begun or time.time_ns())
-        details = {"waiting_for": waiting.value if waiting else ""}
-        details |= {name: as_text(self._values[name]) for name in LIMITS}
-        if waiting is Waiting.FIN:
-            details |= {f"wanted.{name}": as_text(self._values[name]) for name in FIN_PARAMETERS}
-        mounted = {name: as_text(value) for name, value in (self._states.mounted or {}).items()}
-        plant_state = PlantState(state, self._text("plant"), self._stamp, reason, mounted, details)
-        self._state_topic.publish(plant_state_message(plant_state))
+        self._topics.tell_state(self._look(), self._states, self._values, self._parameters.awaited, anew=anew)
 
     def _rest(self, reason: str = "") -> None:
         """Note that the tail swims no more."""
         self._states.rest(reason)
         self._accepted_gait.forget()
-        if self._motion is None:
-            return
-        rows = np.zeros((self._motion.joints, 4))
-        if len(self._applied.joints) == self._motion.joints:
-            rows[:, 1:3] = self._applied.rows()[:, 1:3]
-        self._apply(Gait.from_rows(rows))
-
-    def _apply(self, gait: Gait) -> None:
-        self._applied = gait
-        self._gait_applied.publish(gait_message(gait.rows()))
+        if self._motion is not None:
+            self._topics.tell_rest(self._motion.joints)
 
     def _check(self, values: Mapping[str, Value]) -> None:
         """Refuse parameters that cannot be, or not now.
@@ -318,8 +262,8 @@ class ServoDriver:
         # A gait's end lasts until the tail stands, see `_follow_phase`; another gait before that is another swim.
         self._states.swimming_since = stamp_of(now) if gait.moves and (since is None or not beats) else since
         self.publish_state()
-        if not gait.same_as(self._applied):
-            self._apply(gait)
+        if not gait.same_as(self._topics.applied):
+            self._topics.tell_gait(gait)
 
     def _accepted(self, gait: Gait) -> Gait | None:
         """Return the gait inside the limits; None for a still one that comes while nothing moves anyway.
@@ -386,7 +330,7 @@ class ServoDriver:
             self._emergency_seen = True
             self._rest()
         if self._io is not None:
-            self._publish_joint_states(self._io)
+            self._topics.tell_joint_states(self._io)
             self._follow_phase(self._io)
         self.publish_state()
         return _ACTIVE_LOOK if self._io is not None and self._states.armed else _IDLE_LOOK
@@ -416,18 +360,6 @@ class ServoDriver:
         said = no_fresh_gait(topic, publishers, self._counters.refused_since, self._counters.refusal_since)
         return f"{said}; the tail returned to neutral"
 
-    def _publish_joint_states(self, io: IoThread) -> None:
-        if not io.samples:
-            return
-        offset = stamp_of(0.0)
-        names = [f"tail_joint_{number + 1}" for number in range(len(io.samples[0].angles))]
-        while io.samples:
-            sample = io.samples.popleft()
-            message = JointState(name=names, position=sample.angles)
-            message.header.stamp = time_message(round(sample.time * 1e9) + offset)
-            message.header.frame_id = MEASURED if sample.measured else COMMANDED
-            self._joint_states.publish(message)
-
     def finished(self) -> int | None:
         """Return None: a plant runs until it is stopped."""
         return None
@@ -445,43 +377,8 @@ class ServoDriver:
         self._stop.close()
 
     def _publish_diagnostics(self) -> None:
-        standing = self._look()
-        state, reason = standing.state, standing.reason
-        levels = dict.fromkeys((State.READY, State.SWIMMING), DiagnosticStatus.OK)
-        levels[State.FAULT] = DiagnosticStatus.ERROR
-        name = self.node.get_fully_qualified_name()
-        plant = DiagnosticStatus(
-            level=levels.get(state, DiagnosticStatus.WARN),
-            name=f"{name}: plant",
-            message=reason or state.value,
-            hardware_id=self._text("plant"),
-            values=key_values({"state": state.value, **self._counters.values()}),
-        )
-        statuses = [plant]
-        if self._io is not None:
-            forever = bool(self._values["watchdog.disabled_knowingly"])
-            rated = self._io.rated_operations
-            level, text, values = describe(
-                self._io.health, self._io.latenesses(), rated_operations=rated, watchdog_off=forever
-            )
-            statuses.append(
-                DiagnosticStatus(
-                    level=bytes((level,)),
-                    name=f"{name}: device",
-                    message=text,
-                    hardware_id=self._io.health.identity,
-                    values=key_values(values),
-                )
-            )
-        message = DiagnosticArray(status=statuses)
-        message.header.stamp = time_message(time.time_ns())
-        self._diagnostics.publish(message)
-
-
-def _motion(robot: Robot, period: float) -> Motion:
-    if robot.relays:
-        return RelayMotion(robot.relays, robot.timing, period)
-    return ServoMotion(robot.servos, period)
+        forever = bool(self._values["watchdog.disabled_knowingly"])
+        self._topics.tell_diagnostics(self._look(), self._counters, self._io, watchdog_off=forever)
 
 
 def _ask_for_priority() -> None:

@@ -1,4 +1,4 @@
-"""Pictures of swims: figures over a sweep, one swim's course and figures over time, and an animation."""
+"""Pictures of swims: figures over a variation, one swim's course and figures over time, and an animation."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from fin_sim.sweep import Axis
     from fin_sim.swim_result import Swim
+    from fin_sim.variation import Axis
 
 BODY_COLOUR, TAIL_COLOUR, FIN_COLOUR, PATH_COLOUR = "#29588a", "#595961", "#ed8c24", "#9aa5b1"
 _FRAMES_PER_SECOND = 25
@@ -67,14 +67,14 @@ def plot_swim(swim: Swim, path: Path, title: str = "") -> None:
 
 
 @own_style()
-def plot_sweep(axes: list[Axis], rows: list[dict[str, float | None]], path: Path, title: str = "") -> None:
-    """Draw mean and steady speed of a sweep, as far as its rows have them, into a PNG, PDF or SVG.
+def plot_variation(axes: list[Axis], rows: list[dict[str, float | None]], path: Path, title: str = "") -> None:
+    """Draw mean and steady speed of a variation, as far as its rows have them, into a PNG, PDF or SVG.
 
     Over one number curves; over two a curve for each value of the second, or a map where those would be too many.
 
     Args:
         axes: One or two.
-        rows: A row a swim, with the swept numbers and the figures by name; those of a sweep cut short are fewer.
+        rows: A row a swim, with the numbers that vary and the figures by name; fewer if it was cut short.
         path: The file.
         title: Heading.
 
@@ -147,9 +147,9 @@ def _draw_map(
         )
 
 
-def _scale(panel: Axes, direction: str, swept: Axis) -> None:
+def _scale(panel: Axes, direction: str, varied: Axis) -> None:
     """Make an axis logarithmic where its values span more than a decade, with labels at 1, 2 and 5."""
-    if not min(swept.values) > 0.0 or max(swept.values) < _SPREAD * min(swept.values):
+    if not min(varied.values) > 0.0 or max(varied.values) < _SPREAD * min(varied.values):
         return
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter  # noqa: PLC0415  (see own_style)
 

@@ -1,4 +1,4 @@
-"""The command ``swim``: one swim, a case file, or a sweep; as table, CSV, JSON, picture or animation."""
+"""The command ``swim``: one swim, a case file, or many that differ in a number or two; as table, file or picture."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
 from fin_sim.materials import material
-from fin_sim.quick_sweep import swim_quickly
-from fin_sim.sweep import (
+from fin_sim.quick_variation import swim_quickly
+from fin_sim.swim import SIMULATOR_PARAMETERS
+from fin_sim.variation import (
     FIGURES,
     PARAMETERS,
-    SWEEP_TABLE,
-    SWEEP_TABLE_OF_MOTORS,
+    VARIATION_TABLE,
+    VARIATION_TABLE_OF_MOTORS,
     Axis,
     SwimPlan,
     parse_axis,
-    sweep_plans,
     swim_all,
+    varied_plans,
 )
-from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -67,8 +67,8 @@ _EXAMPLES = """examples:
       a stiffer fin, with a picture
   swim --material PP
       a range of stiffness gives a range of speeds
-  swim --sweep fin.young_modulus=1e8:1e10:30:log --csv E.csv --plot E.png
-  swim --sweep fin.young_modulus=1e9,2e9 --sweep frequency=0.5:2:7
+  swim --vary fin.young_modulus=1e8:1e10:30:log --csv E.csv --plot E.png
+  swim --vary fin.young_modulus=1e9,2e9 --vary frequency=0.5:2:7
   swim --clamp towed --tow_speed 0.03
       thrust, power and efficiency at a given speed
   swim --animate swim.gif
@@ -112,16 +112,17 @@ def _add_what_swims(parser: argparse.ArgumentParser) -> None:
         "--params-file", type=given_path, metavar="FILE", help="parameters as the node's --params-file takes them"
     )
     what.add_argument(
-        "--sweep",
+        "--vary",
         action="append",
         default=[],
         metavar="NAME=RANGE",
-        help="FIRST:LAST:COUNT[:log] or A,B,C; once or twice",
+        help="many swims, a number over FIRST:LAST:COUNT[:log] or A,B,C; once or twice",
     )
+    what.add_argument("--sweep", dest="vary", action="append", help=argparse.SUPPRESS)  # as it was called at first
     what.add_argument(
         "--quick",
         action="store_true",
-        help="a sweep's swims side by side: speeds right to 0.1 %%, forces and power to 0.3 %%; what "
+        help="many swims side by side: speeds right to 0.1 %%, forces and power to 0.3 %%; what "
         "needs every moment of a swim is left out, and so is a free body's thrust",
     )
 
@@ -157,10 +158,10 @@ def _add_outputs(parser: argparse.ArgumentParser) -> None:
         "--csv",
         type=lambda text: str(given_path(text)),
         metavar="FILE",
-        help="the trajectory, or of a sweep the table; - is standard output",
+        help="the trajectory, or of many swims the table; - is standard output",
     )
     out.add_argument(
-        "--plot", type=given_path, metavar="FILE", help="picture of the swim or the sweep, .png, .pdf or .svg"
+        "--plot", type=given_path, metavar="FILE", help="picture of the swim or the swims, .png, .pdf or .svg"
     )
     out.add_argument("--animate", type=given_path, metavar="FILE", help="animated swim, .gif or .mp4")
 
@@ -229,7 +230,7 @@ def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[st
 
 
 def _refuse_step(options: argparse.Namespace, run: Mapping[str, Value]) -> None:
-    """Refuse a time step for a quick sweep, wherever it is given."""
+    """Refuse a time step for quick swims, wherever it is given."""
     given = ["--step"] if options.step is not None else []
     given += [f"step in {options.params_file}"] if "step" in run else []
     if given:
@@ -258,8 +259,8 @@ def _plan(options: argparse.Namespace) -> SwimPlan:
 def _refuse_with_case(options: argparse.Namespace) -> None:
     names = [*PARAMETERS, *(name for name in _PLAN_OPTIONS if name != "step"), "material", "shape", "params_file"]
     given = [name for name in names if getattr(options, name) is not None]
-    if given or options.sweep or options.quick:
-        option = (given or (["sweep"] if options.sweep else ["quick"]))[0].replace("params_file", "params-file")
+    if given or options.vary or options.quick:
+        option = (given or (["vary"] if options.vary else ["quick"]))[0].replace("params_file", "params-file")
         msg = f"--case holds every parameter: leave out --{option} or edit the file"
         raise ValueError(msg)
 
@@ -407,9 +408,9 @@ def _run_case(options: argparse.Namespace) -> None:
 
 def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> Table:
     known = [figure for figure in FIGURES if figure.name in rows[0]]
-    # A quick sweep has so few that all fit.
+    # Quick swims have so few that all fit.
     motors = any(row.get("mean_electrical_power") is not None for row in rows)
-    chosen = SWEEP_TABLE_OF_MOTORS if motors else SWEEP_TABLE
+    chosen = VARIATION_TABLE_OF_MOTORS if motors else VARIATION_TABLE
     shown = known if len(known) < len(FIGURES) else [figure for figure in known if figure.name in chosen]
     table = Table(
         *(f"{axis.name}\n{axis.unit}" for axis in axes), *(f"{figure.title}\n{figure.unit}" for figure in shown)
@@ -421,22 +422,22 @@ def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> 
     return table
 
 
-def _sweep_units(axes: Sequence[Axis]) -> dict[str, str]:
+def _variation_units(axes: Sequence[Axis]) -> dict[str, str]:
     return {axis.name: axis.unit for axis in axes} | {figure.name: figure.si for figure in FIGURES}
 
 
-def _sweep_csv(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> str:
+def _variation_csv(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0], lineterminator="\n")
-    units = _sweep_units(axes)
+    units = _variation_units(axes)
     writer.writerow({name: f"{name} [{units[name]}]" if units[name] else name for name in rows[0]})
     writer.writerows(rows)
     return text.getvalue()
 
 
-def _run_sweep(plan: SwimPlan, axes: list[Axis], options: argparse.Namespace) -> int:
-    """Swim the sweep and put out its rows; a swim that diverges leaves a gap, Ctrl-C ends with the rows so far."""
-    plans = sweep_plans(plan, axes)
+def _run_variation(plan: SwimPlan, axes: list[Axis], options: argparse.Namespace) -> int:
+    """Swim all of them and put out their rows; a swim that diverges leaves a gap, Ctrl-C ends with the rows so far."""
+    plans = varied_plans(plan, axes)
     if len(plans) > _MANY_SWIMS and not options.quick:
         print(  # noqa: T201
             f"swim: {len(plans)} swims; with --quick they take a fraction of the time, with fewer figures, of which "
@@ -475,25 +476,25 @@ def _run_sweep(plan: SwimPlan, axes: list[Axis], options: argparse.Namespace) ->
     for failure in failures:
         print(f"swim: error: {failure}", file=sys.stderr)  # noqa: T201
     if rows:
-        _put_out_sweep(axes, rows, options, plan.title([axis.name for axis in axes]))
+        _put_out_variation(axes, rows, options, plan.title([axis.name for axis in axes]))
     return code
 
 
-def _put_out_sweep(
+def _put_out_variation(
     axes: list[Axis], rows: list[dict[str, float | None]], options: argparse.Namespace, title: str
 ) -> None:
     if options.csv and options.csv != "-":
         with _output(Path(options.csv)) as file:
-            file.write_text(_sweep_csv(axes, rows), encoding="utf-8")
+            file.write_text(_variation_csv(axes, rows), encoding="utf-8")
     if options.plot:
-        from fin_sim.picture import plot_sweep  # noqa: PLC0415
+        from fin_sim.picture import plot_variation  # noqa: PLC0415
 
-        _draw(options.plot, lambda file: plot_sweep(axes, rows, file, title))
+        _draw(options.plot, lambda file: plot_variation(axes, rows, file, title))
     if options.json:
-        units = {name: unit for name, unit in _sweep_units(axes).items() if name in rows[0]}
+        units = {name: unit for name, unit in _variation_units(axes).items() if name in rows[0]}
         print(_json([{**row, "units": units} for row in rows]))  # noqa: T201
     elif options.csv == "-":
-        sys.stdout.write(_sweep_csv(axes, rows))
+        sys.stdout.write(_variation_csv(axes, rows))
     else:
         _console().print(_table(axes, rows))
 
@@ -510,7 +511,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.case:
         _run_case(options)
         return 0
-    plan, axes = _plan(options), [parse_axis(text) for text in options.sweep]
+    plan, axes = _plan(options), [parse_axis(text) for text in options.vary]
     _check_tow_speed(plan, axes, options)
     if options.material:
         twice = [axis.name for axis in axes if axis.name in _OF_MATERIAL]
@@ -528,11 +529,11 @@ def _run(options: argparse.Namespace) -> int:
         axes = [Axis("fin.young_modulus", (soft.young_modulus, stiff.young_modulus)), *axes]
     if axes:
         if options.animate:
-            msg = "--animate shows one swim: leave out --sweep and --material, and give fin.young_modulus"
+            msg = "--animate shows one swim: leave out --vary and --material, and give fin.young_modulus"
             raise ValueError(msg)
-        return _run_sweep(plan, axes, options)
+        return _run_variation(plan, axes, options)
     if options.quick:
-        msg = "--quick is for many swims: add --sweep or --material, or leave it out"
+        msg = "--quick is for many swims: add --vary or --material, or leave it out"
         raise ValueError(msg)
     body = (
         PARAMETERS[name].check(plan.values.get(name, PARAMETERS[name].default))

@@ -1,4 +1,4 @@
-"""What one swim of the command needs, and sweeps of it over one or two of its numbers."""
+"""What one swim of the command needs, and many of them while one or two of its numbers vary."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ PARAMETERS = ParameterTable(
 """Parameters of fin, fish, water and servo, by the names that the node gives them."""
 
 GAIT_NUMBERS = {"amplitude": "degrees", "frequency": "Hz", "bias": "degrees", "tow_speed": "m/s"}
-"""What a sweep can run over besides the parameters, and its units."""
+"""What can vary besides the parameters, and its units."""
 
 _LARGEST_SWEEP = 10_000
 
@@ -95,14 +95,14 @@ class SwimPlan:
         """
         return Fish.from_parameters(PARAMETERS.checked(self.values))
 
-    def title(self, swept: Collection[str] = ()) -> str:
-        """Return what swims how, for the heading of a picture; the numbers in ``swept`` are left out."""
+    def title(self, varied: Collection[str] = ()) -> str:
+        """Return what swims how, for the heading of a picture; the numbers in ``varied`` are left out."""
         gait = [self.gait.replace("_", "-")]
-        gait += [f"{self.amplitude:g}\N{DEGREE SIGN}"] if "amplitude" not in swept else []
-        gait += [f"{self.frequency:g} Hz"] if "frequency" not in swept else []
-        gait += [f"bias {self.bias:g}\N{DEGREE SIGN}"] if self.bias and "bias" not in swept else []
+        gait += [f"{self.amplitude:g}\N{DEGREE SIGN}"] if "amplitude" not in varied else []
+        gait += [f"{self.frequency:g} Hz"] if "frequency" not in varied else []
+        gait += [f"bias {self.bias:g}\N{DEGREE SIGN}"] if self.bias and "bias" not in varied else []
         body = [] if self.clamp == "free" else [f"body {self.clamp}"]
-        return "; ".join([self.fin().describe(swept), " ".join(gait), *body, f"swims of {self.duration:g} s"])
+        return "; ".join([self.fin().describe(varied), " ".join(gait), *body, f"swims of {self.duration:g} s"])
 
     def check(self) -> None:
         """Refuse what cannot swim, without swimming it.
@@ -178,7 +178,7 @@ class SwimPlan:
 
 @dataclass(frozen=True)
 class Axis:
-    """One number of a sweep and the values that it takes."""
+    """One number that varies, and the values that it takes."""
 
     name: str
     values: tuple[float, ...]
@@ -193,7 +193,7 @@ def parse_axis(text: str) -> Axis:
     """Return the axis of ``NAME=FIRST:LAST:COUNT``, ``NAME=FIRST:LAST:COUNT:log`` or ``NAME=VALUE,VALUE,...``.
 
     Raises:
-        ValueError: Another form, or a name that cannot be swept.
+        ValueError: Another form, or a name that cannot vary.
     """
     name, _, rule = text.partition("=")
     if name not in GAIT_NUMBERS:
@@ -201,18 +201,18 @@ def parse_axis(text: str) -> Axis:
             near = difflib.get_close_matches(name, (*PARAMETERS, *GAIT_NUMBERS), n=1)
             hint = f"did you mean {near[0]}? " if near else ""
             msg = (
-                f"{name or repr(text)} is not a parameter that can be swept: {hint}{', '.join(GAIT_NUMBERS)} can, and "
+                f"{name or repr(text)} is not a parameter that can vary: {hint}{', '.join(GAIT_NUMBERS)} can, and "
                 "the numbers that `swim --help` lists last"
             )
             raise ValueError(msg)
         parameter = PARAMETERS[name]
         if parameter.kind not in {"double", "integer"}:
-            msg = f"sweep over {name}: it is no number; sweep over one that is"
+            msg = f"vary {name}: it is no number; vary one that is"
             raise ValueError(msg)
     try:
         values = _spaced(rule.split(":")) if ":" in rule else tuple(map(checks.read_number, rule.split(",")))
     except ValueError as error:
-        msg = f"sweep {text!r} must read {name}=FIRST:LAST:COUNT[:log] or {name}=VALUE,VALUE,...: {error}"
+        msg = f"vary {text!r} must read {name}=FIRST:LAST:COUNT[:log] or {name}=VALUE,VALUE,...: {error}"
         raise ValueError(msg) from None
     return Axis(name, values)
 
@@ -228,20 +228,20 @@ def _spaced(parts: list[str]) -> tuple[float, ...]:
     )
     count = checks.whole_number("count", checks.read_number(parts[2]), 2, _LARGEST_SWEEP)
     if logarithmic and min(first, last) <= 0.0:
-        msg = "a logarithmic sweep needs values above 0"
+        msg = "a logarithmic range needs values above 0"
         raise ValueError(msg)
     spaced = np.geomspace(first, last, count) if logarithmic else np.linspace(first, last, count)
     return tuple(map(float, spaced))
 
 
-def sweep_plans(plan: SwimPlan, axes: list[Axis]) -> list[tuple[tuple[float, ...], SwimPlan]]:
-    """Return the swims of a sweep and their numbers, the first axis varying slowest; every plan is checked.
+def varied_plans(plan: SwimPlan, axes: list[Axis]) -> list[tuple[tuple[float, ...], SwimPlan]]:
+    """Return the swims of a variation and their numbers, the first axis varying slowest; every plan is checked.
 
     Raises:
         ValueError: More than two axes, one twice, too many swims, or a value that is refused.
     """
     if len(axes) > 2 or len({axis.name for axis in axes}) < len(axes):  # noqa: PLR2004
-        msg = f"sweep over {', '.join(axis.name for axis in axes)}: one or two different numbers can be swept"
+        msg = f"vary {', '.join(axis.name for axis in axes)}: one or two different numbers can vary"
         raise ValueError(msg)
     checks.whole_number("number of swims", math.prod(len(axis.values) for axis in axes), 1, _LARGEST_SWEEP)
     result = []
@@ -296,15 +296,15 @@ FIGURES = (
     Figure("turning_rate", "rad/s", "turning rate", "rad/s"),
     Figure("turning_radius", "m", "turning radius", "m"),
 )
-SWEEP_TABLE = ("mean_speed", "steady_speed", "mean_thrust", "mean_servo_power", "efficiency", "strouhal_number")
-"""What the table of a sweep shows; its CSV has every figure."""
-SWEEP_TABLE_OF_MOTORS = ("mean_electrical_power", *(name for name in SWEEP_TABLE if name != "mean_thrust"))
+VARIATION_TABLE = ("mean_speed", "steady_speed", "mean_thrust", "mean_servo_power", "efficiency", "strouhal_number")
+"""What the table of a variation shows; its CSV has every figure."""
+VARIATION_TABLE_OF_MOTORS = ("mean_electrical_power", *(name for name in VARIATION_TABLE if name != "mean_thrust"))
 """What it shows where servos have a motor: as much, so that 80 columns are enough."""
 
 
 @dataclass(frozen=True)
 class Swum:
-    """What a sweep keeps of a swim.
+    """What a variation keeps of a swim.
 
     Attributes:
         figures: Each of `FIGURES` by name; None where it is not defined, or the swim failed.

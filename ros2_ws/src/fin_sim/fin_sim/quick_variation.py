@@ -1,7 +1,7 @@
-"""A sweep that asks only for what `swim_batch` gives, right to its `TOLERANCES`: many swims side by side.
+"""Swims that ask only for what `swim_batch` gives, right to its `TOLERANCES`: many swims side by side.
 
 The swims of one fish and gait form one batch, its fins the columns. A figure that the batch does not have is left out
-of the sweep: whatever needs a swim's samples, and a free body's thrust, whose inertial reaction has a mean in the axes
+of the table: whatever needs a swim's samples, and a free body's thrust, whose inertial reaction has a mean in the axes
 of a body that yaws.
 """
 
@@ -12,25 +12,25 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from fin_sim.batch import Status, swim_batch
-from fin_sim.sweep import FIGURES, Figure, Swum, swimming_threads
 from fin_sim.swim_result import measured_beats
+from fin_sim.variation import FIGURES, Figure, Swum, swimming_threads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from concurrent.futures import Future
 
     from fin_sim.batch import BatchSwim
-    from fin_sim.sweep import SwimPlan
+    from fin_sim.variation import SwimPlan
 
 _FIGURES = ("mean_speed", "mean_servo_power", "largest_hinge_angle")
 _OF_A_HELD_BODY = ("mean_thrust", "efficiency")
 _OF_A_MOTOR = ("mean_electrical_power", "largest_servo_torque")
 _MOST_AT_A_TIME = 256
-"""Fins of a batch: between two of them a sweep shows its progress and can be stopped."""
+"""Fins of a batch: between two of them a variation shows its progress and can be stopped."""
 
 
 def quick_figures(plan: SwimPlan) -> tuple[Figure, ...]:
-    """Return the figures that a quick sweep has, in the order of `FIGURES`."""
+    """Return the figures that a quick variation has, in the order of `FIGURES`."""
     names = {*_FIGURES, *(_OF_A_HELD_BODY if plan.clamp != "free" else ()), *(_OF_A_MOTOR if plan.fish().motor else ())}
     return tuple(figure for figure in FIGURES if figure.name in names)
 
@@ -128,7 +128,7 @@ def _steady_figures(plan: SwimPlan, batch: BatchSwim) -> dict[str, list[float | 
 
 @contextmanager
 def swim_quickly(plans: Sequence[SwimPlan], cores: int | None = None) -> Iterator[Iterator[Swum]]:
-    """Swim plans in batches on all cores; yield their outcomes in order, as `sweep.swim_all` does.
+    """Swim plans in batches on all cores; yield their outcomes in order, as `variation.swim_all` does.
 
     Args:
         plans: To swim.

@@ -1,4 +1,4 @@
-"""A quick sweep: the figures of the same swims swum one by one, within the batch's tolerances."""
+"""A quick variation: the figures of the same swims swum one by one, within the batch's tolerances."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import pytest
 
 from fin_sim import swim_command
 from fin_sim.batch import TOLERANCES
-from fin_sim.quick_sweep import quick_figures, swim_quickly
-from fin_sim.sweep import Axis, SwimPlan, sweep_plans, swim_one
+from fin_sim.quick_variation import quick_figures, swim_quickly
+from fin_sim.variation import Axis, SwimPlan, swim_one, varied_plans
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -72,16 +72,16 @@ def test_random_plans_have_the_figures_of_single_swims(clamp: str) -> None:
 def test_outcomes_come_in_the_order_of_the_plans_whichever_axis_varies_first() -> None:
     fin, gait = Axis("fin.young_modulus", (8e8, 2e9)), Axis("frequency", (0.9, 1.2, 1.5))
     for axes in ([fin, gait], [gait, fin]):
-        plans = [plan for _, plan in sweep_plans(SwimPlan({}, duration=2.0), axes)]
+        plans = [plan for _, plan in varied_plans(SwimPlan({}, duration=2.0), axes)]
         with swim_quickly(plans, cores=2) as outcomes:
             got = [swum.figures["mean_speed"] for swum in outcomes]
         assert got == pytest.approx([swim_one(plan).figures["mean_speed"] for plan in plans], rel=1e-3)
 
 
-def test_a_quick_sweep_puts_out_the_columns_that_it_has(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    sweep = ("--quick", "--duration", "2", "--sweep", "fin.young_modulus=8e8,2e9")
-    file, picture = tmp_path / "sweep.csv", tmp_path / "sweep.png"
-    out, _ = command(capsys, *sweep, "--json", "--csv", file, "--plot", picture)
+def test_a_quick_variation_puts_out_the_columns_that_it_has(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    variation = ("--quick", "--duration", "2", "--vary", "fin.young_modulus=8e8,2e9")
+    file, picture = tmp_path / "swims.csv", tmp_path / "swims.png"
+    out, _ = command(capsys, *variation, "--json", "--csv", file, "--plot", picture)
     rows = json.loads(out)
     assert rows[0].keys() == {"fin.young_modulus", "mean_speed", "mean_servo_power", "largest_hinge_angle", "units"}
     assert rows[0]["units"].keys() == rows[0].keys() - {"units"}
@@ -89,16 +89,16 @@ def test_a_quick_sweep_puts_out_the_columns_that_it_has(capsys: pytest.CaptureFi
     assert [float(row["mean_speed [m/s]"]) for row in table] == [row["mean_speed"] for row in rows]
     assert "steady_speed [m/s]" not in table[0]
     assert picture.is_file()
-    table_text, _ = command(capsys, *sweep)
+    table_text, _ = command(capsys, *variation)
     assert "hinge angle" in table_text
     assert "steady" not in table_text
-    towed, _ = command(capsys, *sweep, "--clamp", "towed", "--tow_speed", "0.03", "--json")
+    towed, _ = command(capsys, *variation, "--clamp", "towed", "--tow_speed", "0.03", "--json")
     assert {"mean_thrust", "efficiency"} <= json.loads(towed)[0].keys()
 
 
-def test_a_fin_that_folds_is_told_as_in_any_sweep(capsys: pytest.CaptureFixture[str]) -> None:
-    sweep = ("--fin.young_modulus", "1e7", "--frequency", "10", "--sweep", "amplitude=15,172", "--duration", "2")
-    told = [command(capsys, *sweep, *more, code=1)[1] for more in ((), ("--quick",))]
+def test_a_fin_that_folds_is_told_as_in_any_variation(capsys: pytest.CaptureFixture[str]) -> None:
+    variation = ("--fin.young_modulus", "1e7", "--frequency", "10", "--vary", "amplitude=15,172", "--duration", "2")
+    told = [command(capsys, *variation, *more, code=1)[1] for more in ((), ("--quick",))]
     for err in told:
         assert "amplitude = 172: a hinge of the fin bent by" in err
 
@@ -114,10 +114,10 @@ def test_steady_figures_of_a_swim_without_a_whole_beat_are_gaps() -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("--sweep", "frequency=1,2", "--servo.lag", "0.02"), "servo.lag = 0.02 s"),
-        (("--sweep", "servo.lag=0,0.02"), "servo.lag = 0.02 s"),
-        (("--sweep", "frequency=1,2", "--step", "0.001"), "leave out --step"),
-        ((), "add --sweep"),
+        (("--vary", "frequency=1,2", "--servo.lag", "0.02"), "servo.lag = 0.02 s"),
+        (("--vary", "servo.lag=0,0.02"), "servo.lag = 0.02 s"),
+        (("--vary", "frequency=1,2", "--step", "0.001"), "leave out --step"),
+        ((), "add --vary"),
     ],
 )
 def test_what_cannot_swim_quickly_is_refused_by_name(
@@ -134,7 +134,7 @@ def test_a_step_of_a_parameter_file_is_refused_as_the_option_is(
 ) -> None:
     file = tmp_path / "fish.yaml"
     file.write_text("simulator:\n  ros__parameters:\n    fin.length: 0.07\n    step: 1.0e-4\n", encoding="utf-8")
-    quick = ("--quick", "--sweep", "frequency=1,2", "--duration", "0.3", "--params-file", file)
+    quick = ("--quick", "--vary", "frequency=1,2", "--duration", "0.3", "--params-file", file)
     out, err = command(capsys, *quick, *options, code=2)
     assert err.endswith(f"leave out {told}step in {file}\n")
     assert not out
@@ -142,10 +142,10 @@ def test_a_step_of_a_parameter_file_is_refused_as_the_option_is(
     command(capsys, *quick)
 
 
-def test_a_large_sweep_says_that_there_is_a_quick_one(
+def test_a_large_variation_says_that_there_is_a_quick_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(swim_command, "_MANY_SWIMS", 2)
     for count, hinted in ((2, False), (3, True)):
-        _, err = command(capsys, "--duration", "0.3", "--sweep", f"frequency=1:2:{count}")
+        _, err = command(capsys, "--duration", "0.3", "--vary", f"frequency=1:2:{count}")
         assert ("--quick" in err) == hinted
