@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from fin_optimizer.paper.experiments import SIMULATION, Campaign, Run
-from fin_optimizer.paper.figures import Row, rows
+from fin_optimizer.paper.comparison import Row, markdown, published_curves, rows
+from fin_optimizer.paper.experiments import SIMULATION, Campaign, Run, perform, planned_runs
 from fin_sim.presets import preset
 
 if TYPE_CHECKING:
@@ -104,3 +105,43 @@ def test_the_ridge_is_told_by_its_ranges() -> None:
     none = row_of("best E of the 14 cm", landscape=[join(short, table((5.0, math.nan), length=0.14))])
     assert none.ours == "no fin swam"
     assert "swims 1.5 cm/s" in none.remark
+
+
+def test_what_the_searches_found_is_beside_what_the_papers_found() -> None:
+    row = row_of("genetic", genetic=[table((1.9, 1.4)), table((2.1, 1.4))])
+    assert row.remark.endswith("E: beside Raja Mohamed & Raviraj 25 % above, beside Clark et al. 2012 5 % above.")
+    assert (row.paper, row.clark) == ("1.6 GPa", "1.9 GPa")
+    row = row_of("hill climber", hill_climber=[table((1.7, 1.4)), table((1.7, math.nan))])
+    assert row.remark.endswith("E: beside Raja Mohamed & Raviraj the same.")
+    assert row.clark == "not stated"
+
+
+def test_the_shape_is_beside_the_papers_optimum() -> None:
+    row = row_of("shape", shape=[table((7.55, 1.1), length=0.14), table((0.755, math.nan), length=0.04)])
+    assert "E the same, length the same, speed 50 % below." in row.remark
+
+
+def test_a_curve_is_as_far_from_the_published_points_as_all_of_them_are() -> None:
+    points = published_curves()["model"]
+    swims = zip(points.modulus * 1e-9, points.speed * 1e2 + 0.5, strict=True)
+    far = table((0.1, 1.0), *swims, (6.0, 1.0))
+    assert row_of("model", model=[far]).remark.endswith("from 12 points read off the figure of 2012: 0.5 cm/s.")
+    assert "from 10 points" in row_of("model", model=[table((0.5, 4.0), (5.0, 4.0))]).remark  # the others lie outside
+
+
+def test_the_fin_that_the_later_paper_states_is_told_to_have_no_peak_only_where_it_has_none() -> None:
+    rising = row_of("fin of", stated_fin=[table((0.2, 0.5), (2.0, 1.0), (5.0, 2.0))])
+    assert rising.ours == "2.00 cm/s at 5.00 GPa, the end of the range"
+    assert rising.remark.startswith("Faster the stiffer")
+    peaked = row_of("fin of", stated_fin=[table((0.2, 0.5), (2.0, 1.0), (5.0, 0.9))])
+    assert peaked.ours == "1.00 cm/s at 2.00 GPa"
+    assert peaked.remark.startswith("Preset")
+    assert row_of("fin of", stated_fin=[table((0.2, math.nan))]).ours == "no fin swam"
+
+
+def test_the_page_states_what_the_experiments_give() -> None:
+    """Of those that take a hundred swims; the others' rows take half a million."""
+    page = (Path(__file__).parents[2] / "docs" / "paper.md").read_text(encoding="utf-8")
+    results = {run: perform([run])[0] for run in planned_runs(CAMPAIGN, ["model", "simulation", "stated_fin"])}
+    for line in markdown(CAMPAIGN, results).splitlines():
+        assert line in page, f"docs/paper.md lacks {line}; `make campaign` writes runs/campaign/paper.md"

@@ -2,5 +2,6 @@
 
 experiments  what is run
 campaign     the command that runs them, resumed where they were cut short
-figures      the paper's figures and numbers drawn from them
+comparison   every number that the papers state, with ours beside it
+figures      the paper's figures
 """

@@ -29,7 +29,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from fin_optimizer.paper import figures
+from fin_optimizer.paper import comparison, figures
 from fin_optimizer.paper.experiments import (
     EXPERIMENTS,
     MODEL,
@@ -169,7 +169,7 @@ def collect(folder: Path, results: Mapping[Run, Table]) -> None:
     _write(folder / "candidates.npz", lambda path: np.savez_compressed(path, allow_pickle=False, **columns))
     lines = ["experiment,run,seed,swims,best_speed_m_s,young_modulus_pa,length_m,height_m"]
     for run in ordered:
-        best = figures.best(results[run])
+        best = comparison.best(results[run])
         shown = ",".join(f"{best[name]:.9g}" for name in ("speed", "young_modulus", "length", "height"))
         lines.append(f"{run.experiment},{run.number},{run.seed},{len(results[run]['speed'])},{shown}")
     _write(folder / "runs.csv", lambda path: path.write_text("\n".join(lines) + "\n", encoding="utf-8"))
