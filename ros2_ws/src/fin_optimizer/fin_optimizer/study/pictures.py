@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, cast
 
-from fin_optimizer.parameters import SIMULATOR
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study import drawing
@@ -13,7 +12,7 @@ from fin_optimizer.study.candidate import candidates, fastest, front
 from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
 from fin_optimizer.study.report import varied
 from fin_optimizer.study.settings import Objective
-from fin_optimizer.study.simulated_curve import simulated_speed, speed_over_range
+from fin_optimizer.study.simulated_curve import can_be_computed, simulated_speed, speed_over_range
 from fin_plant.figures import try_to_draw
 from fin_plant.fin import AREA, Fin
 from fin_plant.gait import carangiform
@@ -67,9 +66,9 @@ def _draw_speed(path: Path, settings: Settings, trials: Sequence[TrialRecord], f
 
 
 def _simulated(settings: Settings, fish: Mapping[str, object]) -> SpeedCurve | None:
-    """Return the simulator's speed over what was searched, None where it was no simulator that swam."""
+    """Return the simulator's speed over what was searched, None where the fish that swam cannot be computed."""
     details = cast("Mapping[str, float]", settings.details)
-    if fish.get("plant") != SIMULATOR or not {_FREQUENCY, _AMPLITUDE, _SETTLE, _DURATION} <= details.keys():
+    if not can_be_computed(fish) or not {_FREQUENCY, _AMPLITUDE, _SETTLE, _DURATION} <= details.keys():
         return None
     (dimension,) = settings.space.dimensions
     if isinstance(dimension, Choice) or settings.rules is not None:

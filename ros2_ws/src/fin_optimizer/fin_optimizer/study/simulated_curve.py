@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     """Values of the parameter in SI units, and the speed in m/s at each."""
 
 _POINTS = 71
+_OF_A_COMPUTED_FISH = {"body.length", "water.density", "sample_rate"}
+
+
+def can_be_computed(fish: Mapping[str, object]) -> bool:
+    """Return whether a fish's parameters tell enough to compute its swims: a robot's driver knows no body, no water."""
+    return fish.keys() >= _OF_A_COMPUTED_FISH
 
 
 def simulated_speed(
