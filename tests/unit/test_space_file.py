@@ -22,6 +22,7 @@ from fin_optimizer.study.settings import Settings
 from fin_plant import yaml_file
 from fin_plant.fin import Fin
 from fin_plant.paths import config_folder
+from fin_sim.rigid_fin import rigid_fin_load
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -178,6 +179,18 @@ def test_a_sheet_of_a_material_has_the_middle_of_its_range_and_loses_what_it_doe
     assert sent["fin.damping_time"] == pytest.approx(0.029 / (4.0 * math.pi))
     measured = found.rules.sent(found.start, {"stock": "thick", "gait.frequency": 2.0})
     assert measured["fin.damping_time"] == START["fin.damping_time"]
+
+
+def test_conditions_bound_what_the_servo_gives(folder: Path) -> None:
+    text = "search: {gait.frequency: {minimum: 0.5 Hz, maximum: 3 Hz}}\nconditions: [servo.power <= 20 mW]"
+    found = read(folder, text)
+    torque, power = rigid_fin_load(Fin(), 0.26, 3.0)
+    assert power > 0.02
+    why = found.space.judge({"gait.frequency": 3.0})
+    assert why.endswith(f"(servo.power = {power:.6g} W)")
+    torques = read(folder, text.replace("servo.power <= 20 mW", f"servo.torque <= {torque / 4.0} N m"))
+    fastest = max(uniform(torques.space, generator(1, number))["gait.frequency"] for number in range(100))
+    assert 1.4 < fastest <= 1.5  # the torque rises with the square of the frequency
 
 
 def test_stock_may_lie_in_a_file_beside_it(folder: Path) -> None:

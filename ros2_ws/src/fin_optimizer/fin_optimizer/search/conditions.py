@@ -43,12 +43,13 @@ class Condition:
 
     Attributes:
         text: As it was written.
+        names: What it names.
     """
 
     text: str
+    names: tuple[str, ...] = field(compare=False, repr=False)
     _terms: tuple[Term, ...] = field(compare=False, repr=False)
     _signs: tuple[type[ast.cmpop], ...] = field(compare=False, repr=False)
-    _names: tuple[str, ...] = field(compare=False, repr=False)
     _units: Mapping[str, str] = field(compare=False, repr=False)
 
     @classmethod
@@ -69,7 +70,7 @@ class Condition:
 
     def refusal(self, numbers: Numbers) -> str:
         """Return why the numbers, in SI, do not meet it, or an empty text."""
-        told = ", ".join(f"{name} = {numbers[name]:.6g} {self._units[name]}".rstrip() for name in self._names)
+        told = ", ".join(f"{name} = {numbers[name]:.6g} {self._units[name]}".rstrip() for name in self.names)
         try:
             values = [value(numbers) for _, value in self._terms]
         except (ArithmeticError, ValueError) as error:
@@ -113,7 +114,7 @@ class _Reader:
             self._same(one[0], other[0], "compares")
         if not self._names:
             self._refuse("it names nothing of the fin or the gait")
-        return Condition(self._text, terms, tuple(map(type, tree.ops)), tuple(self._names), self._units)
+        return Condition(self._text, tuple(self._names), terms, tuple(map(type, tree.ops)), self._units)
 
     def _with_factor(self, found: object) -> str:
         number, unit = found[1], found[2]  # type: ignore[index]

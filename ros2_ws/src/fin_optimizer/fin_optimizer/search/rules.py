@@ -15,6 +15,7 @@ from fin_optimizer.search.stock import SETS, Sheet
 from fin_optimizer.search.ties import TIP_OVER_ROOT, VOLUME, Tie, area_of
 from fin_plant.fin import AREA, Fin
 from fin_plant.gait import COLUMNS, Gait, carangiform
+from fin_sim.rigid_fin import rigid_fin_load
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,8 +24,18 @@ if TYPE_CHECKING:
 
 _SAMPLES = 2000
 """Candidates that are drawn before a space is said to hold none; one of which 1 in 500 can be is missed once in 55."""
-MASS, LARGEST_HEIGHT, SERVO_RATE = "fin.mass", "fin.largest_height", "servo.rate"
-DERIVED = {AREA: "m^2", VOLUME: "m^3", TIP_OVER_ROOT: "", MASS: "kg", LARGEST_HEIGHT: "m", SERVO_RATE: "rad/s"}
+MASS, LARGEST_HEIGHT = "fin.mass", "fin.largest_height"
+SERVO_RATE, SERVO_TORQUE, SERVO_POWER = "servo.rate", "servo.torque", "servo.power"
+DERIVED = {
+    AREA: "m^2",
+    VOLUME: "m^3",
+    TIP_OVER_ROOT: "",
+    MASS: "kg",
+    LARGEST_HEIGHT: "m",
+    SERVO_RATE: "rad/s",
+    SERVO_TORQUE: "N m",
+    SERVO_POWER: "W",
+}
 """What conditions may name beside the plant's parameters, and its unit."""
 
 
@@ -98,6 +109,10 @@ class Rules:
             if too_small:
                 return "the sheets' sizes", too_small
         numbers = _numbers(parameters, fin, gait) if self.conditions else {}
+        if any(name in {SERVO_TORQUE, SERVO_POWER} for condition in self.conditions for name in condition.names):
+            drive = gait.joints[-1]  # the one that carries the fin
+            load = rigid_fin_load(fin, drive.amplitude, drive.frequency)
+            numbers |= {SERVO_TORQUE: load.torque, SERVO_POWER: load.power}
         for condition in self.conditions:
             if why := condition.refusal(numbers):
                 return f"the condition {condition.text}", why
