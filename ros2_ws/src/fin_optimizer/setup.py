@@ -28,6 +28,7 @@ setup(
         "console_scripts": [
             "optimizer = fin_optimizer.optimizer:main",
             "bringup = fin_optimizer.commands.bringup:main",
+            "compare_searches = fin_optimizer.commands.compare_searches:main",
             "control = fin_optimizer.commands.control:main",
             "export = fin_optimizer.commands.export:main",
             "play_bag = fin_optimizer.commands.play_bag:main",

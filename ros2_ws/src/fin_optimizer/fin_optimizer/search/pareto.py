@@ -28,18 +28,13 @@ def ranks(objectives: Array) -> NDArray[np.intp]:
 
 def _plane_ranks(objectives: Array) -> NDArray[np.intp]:
     """Return the fronts of points with two objectives in one pass over the sorted ones (Jensen 2003, algorithm 2)."""
-    result = np.empty(len(objectives), dtype=np.intp)
+    points, places = np.unique(objectives, axis=0, return_inverse=True)  # sorted by the first, then by the second
+    front = np.empty(len(points), dtype=np.intp)
     least: list[float] = []  # of each front the second objective of its last point; grows from front to front
-    before: tuple[float, ...] = ()
-    front = 0
-    order = np.lexsort((objectives[:, 1], objectives[:, 0]))
-    for place, point in zip(order, map(tuple, objectives[order].tolist()), strict=True):
-        if point != before:
-            front = bisect_right(least, point[1])  # those before have a last point that dominates this one
-            least[front : front + 1] = [point[1]]
-            before = point
-        result[place] = front
-    return result
+    for number, second in enumerate(points[:, 1].tolist()):
+        front[number] = bisect_right(least, second)  # those before have a last point that dominates this one
+        least[front[number] : front[number] + 1] = [second]
+    return front[places]
 
 
 def _general_ranks(objectives: Array) -> NDArray[np.intp]:
