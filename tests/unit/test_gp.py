@@ -187,6 +187,7 @@ class TestFeatures:
         assert features.alternatives(2, 0.07, 50).tolist() == [round(0.04 + 0.005 * i, 3) for i in range(21)]
         assert features.alternatives(4, 1.0, 4).tolist() == [1.0, 2.0, 3.0, 4.0]
         assert features.alternatives(4, 999.0, 4).tolist() == [997.0, 998.0, 999.0, 1000.0]
+        assert features.alternatives(4, 1000.0, 4).tolist() == [997.0, 998.0, 999.0, 1000.0]
 
     def test_truth_values_are_no_numbers(self) -> None:
         features = Features(Space((Choice("a", (False, True)), Choice("b", (2.0, 6.0, 3.0)))))

@@ -44,6 +44,10 @@ EQUIVALENT = {
     "search/one_by_one": {
         "propose: True -> False": "a generation has as many columns as the space has names",
     },
+    "search/gaussian_process": {
+        "predict: False -> True": "what is not finite was refused before: to look again only takes its time",
+        "predict_with_slope: False -> True": "what is not finite was refused before: to look again only takes its time",
+    },
     "search/pareto": {
         "ranks: _plane_ranks(objectives) if objectives.shape[1] == _PLANE else _general_ranks(objectives) -> "
         "_general_ranks(objectives)": "both find the same fronts, the one in less time",
