@@ -326,7 +326,7 @@ def test_a_bad_fin_is_refused_with_the_reason_and_nothing_changes(
     assert named in result.reason
     client.spin(0.2)
     assert client.state() == before
-    assert client.get_parameter("fin.young_modulus") == 1.2e9
+    assert client.get_parameter("fin.young_modulus") == FIN_PARAMETERS["fin.young_modulus"].default
 
 
 def test_a_fin_is_taken_whole_and_then_in_the_state(plant: Plant) -> None:

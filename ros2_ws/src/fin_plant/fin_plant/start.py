@@ -128,8 +128,9 @@ def start(path: str) -> object:
         code: object = main()
     finally:
         signal.signal(signal.SIGINT, _end)
-        # What is open has been closed. The interpreter's end would look through every object twice, which takes the
-        # simulator a sixth of what it takes to start.
+        # What nobody needs any more is let go, a node's place in the graph above all. The interpreter's end would look
+        # through all the rest twice, which takes the simulator a sixth of what it takes to start.
+        gc.collect()
         gc.freeze()
     return code
 
