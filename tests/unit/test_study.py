@@ -237,6 +237,22 @@ def test_a_fish_swims_on_while_a_fin_that_failed_on_it_waits_for_another_one(fol
     assert following(study)[0] == 0
 
 
+def test_a_search_is_told_which_fins_may_have_a_score_yet(folder: Path) -> None:
+    study = Study.create(folder, SETTINGS)
+    swim(study)
+    swim(study, INFEASIBLE)
+    study.start(study.propose(*following(study)).number)
+    assert [(entry.score is None, entry.pending) for entry in study.history] == [
+        (False, False),
+        (True, False),
+        (True, True),
+    ]
+    study.finish(2, FAILED)
+    assert study.history[2].pending, "it will be swum again"
+    assert swim(study, FAILED) == study.history[2].values[MODULUS]
+    assert not study.history[2].pending, "it was given up"
+
+
 def test_nothing_is_proposed_beyond_the_total_also_where_it_has_become_smaller(folder: Path) -> None:
     study = Study.create(folder, SETTINGS)
     for _ in range(3):

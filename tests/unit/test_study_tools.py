@@ -27,6 +27,7 @@ from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score import recorded
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.score.swim import SwimRecord, score_swim
+from fin_optimizer.search.algorithms import search
 from fin_optimizer.search.cma_es import CmaEs
 from fin_optimizer.search.genetic import GeneticAlgorithm
 from fin_optimizer.search.hill_climber import HillClimber
@@ -99,6 +100,26 @@ def test_a_resumed_search_proposes_bit_for_bit_what_an_uninterrupted_one_propose
     with Study.open(tmp_path / "cut", settings) as study:
         swim(study, SEARCHES[name](), 26 - interruption)
     assert [t.values for t in read_trials(tmp_path / "cut")] == [t.values for t in read_trials(tmp_path / "whole")]
+
+
+@pytest.mark.parametrize("name", ["tpe", "gp", "nsga2", "random", "quasi_random"])
+def test_a_study_killed_twice_in_a_swim_ends_with_the_candidates_of_an_undisturbed_one(
+    tmp_path: Path, name: str
+) -> None:
+    settings = Settings(SPACE)
+    with Study.create(tmp_path / "whole", settings) as study:
+        swim(study, search(name, SPACE, 7, DEVIATIONS, 4), 12)
+        wanted = [candidate.values for candidate in study.candidates]
+    Study.create(tmp_path / "cut", settings).close()
+    for trials in (4, 5, 3):
+        with Study.open(tmp_path / "cut", settings) as study:
+            one = search(name, SPACE, 7, DEVIATIONS, 4)
+            swim(study, one, trials)
+            found = [candidate.values for candidate in study.candidates]
+            following = study.next_candidate(one)
+            assert following is not None
+            study.start(study.propose(*following, "/fish").number)
+    assert found == wanted
 
 
 @pytest.mark.parametrize("name", ["genetic", "CMA-ES"])
