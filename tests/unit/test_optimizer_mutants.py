@@ -15,10 +15,10 @@ HERE = Path(__file__).parent
 FRONT = "test_known_numbers.py::test_each_fin_of_the_pareto_front_is_a_parent_as_often"
 # The files that decide, each with its tests, the quickest first.
 TESTS = {
-    "search/space": ["test_search.py"],
-    "search/hill_climber": ["test_search.py", FRONT],
+    "search/space": ["test_search.py", "test_space.py"],
+    "search/hill_climber": ["test_search.py", FRONT, "test_space.py"],
     "search/one_by_one": ["test_one_by_one.py"],
-    "search/genetic": ["test_genetic.py"],
+    "search/genetic": ["test_genetic.py", "test_space.py"],
     "search/algorithms": ["test_searches.py"],
     "search/features": ["test_gp.py::TestFeatures"],
     "search/gaussian_process": ["test_gaussian_process.py"],
@@ -41,8 +41,11 @@ LARGEST = {"score/mean_speed": 170, "trial/phases": 140}
 TABLES = {"trial/phases": ["PHASES"]}
 """Tables outside functions whose rows are changed too."""
 EQUIVALENT = {
-    "search/one_by_one": {
-        "propose: True -> False": "a generation has as many columns as the space has names",
+    "search/hill_climber": {
+        "gaussian_step: at + int(random.integers(1, dimension.count)) -> "
+        "at - int(random.integers(1, dimension.count))": ("as far the other way round is each of the others as often"),
+        "gaussian_step: random.random() < 1.0 / len(space.dimensions) -> "
+        "random.random() <= 1.0 / len(space.dimensions)": "no draw is exactly that",
     },
     "search/gaussian_process": {
         "predict: False -> True": "what is not finite was refused before: to look again only takes its time",
@@ -55,6 +58,13 @@ EQUIVALENT = {
     "search/genetic": {
         "propose: 1 -> 2": "two genes can be cut in one place only; the first cut of three has a test of its own",
         "mutated: if not rows.size: -> if False:": "a redraw of nothing changes nothing, it only takes its time",
+        "_stepped: if not rows.size: -> if False:": "likewise",
+        "_stepped: random.random(len(parents)) < 1.0 / len(space.dimensions) -> "
+        "random.random(len(parents)) <= 1.0 / len(space.dimensions)": "no draw is exactly that",
+        "_stepped: parents[:, column] + random.integers(1, dimension.count, len(parents)) -> "
+        "parents[:, column] - random.integers(1, dimension.count, len(parents))": (
+            "as far the other way round is each of the others as often"
+        ),
     },
     "search/cma_es": {
         "_tell: True -> False": "that there are as many scores as candidates was checked above",

@@ -173,3 +173,14 @@ def test_a_generation_that_the_space_refuses_throughout_is_drawn_from_what_it_al
     space = Space((Dimension("x", 0.0, 1.0),), lambda values: "" if values["x"] > 0.9 else "too small")
     children = mutated(space, np.full((3, 1), 0.1), np.array([1e-6]), np.random.default_rng(1))
     assert (children > 0.9).all()
+
+
+def test_a_child_s_choice_becomes_any_other_one_in_as_many_as_there_are_parameters() -> None:
+    space = Space((Choice("stock", ("a", "b", "c")), FREQUENCY))
+    parents = np.tile([1.0, 1.5], (2000, 1))
+    children = mutated(space, parents, np.array([0.0, 0.1]), np.random.default_rng(1))
+    places = children[:, 0].tolist()
+    # As for the climber: half of 2000 stay, a quarter each changes; standard deviations of 22 and 19.
+    assert places.count(1.0) == pytest.approx(1000, abs=110)
+    assert places.count(0.0) == pytest.approx(500, abs=95)
+    assert places.count(2.0) == pytest.approx(500, abs=95)
