@@ -30,6 +30,8 @@ pytestmark = pytest.mark.graph
 CLOCK_STEP = 0.02e9
 """ns by which a wall clock that is being set may go back in a swim."""
 STREAMS = (topics.JOINT_STATES, topics.POSE, topics.VELOCITY, topics.THRUST)
+HINGES = Fin().segments
+"""Of the fin as it comes, one in the middle of each segment."""
 QUICK = {"speed": 5.0}
 """Faster than real time, and not so fast that the test listens to all that swims on until it says stop."""
 
@@ -90,7 +92,7 @@ def test_what_the_topics_say_is_consistent_and_in_si_units(fish: PlantTester) ->
     joints = fish.received(topics.JOINT_STATES)[-1]
     assert velocity[0].header.frame_id == "base_link"
     assert pose[0].header.frame_id == "tank"
-    assert list(joints.name) == ["tail_joint_1", "fin_hinge_1", "fin_hinge_2"]
+    assert list(joints.name) == ["tail_joint_1", *(f"fin_hinge_{number + 1}" for number in range(HINGES))]
     count = min(len(velocity), len(pose), 1000)
     forward = np.array([m.twist.linear.x for m in velocity[:count]])
     left = np.array([m.twist.linear.y for m in velocity[:count]])
@@ -216,7 +218,7 @@ def test_a_new_fin_is_built_and_announced(fish: PlantTester) -> None:
     assert (state.fin["fin.young_modulus"], state.fin["fin.segments"]) == ("2500000000.0", "5")
     assert state.stamp > before.stamp
     fish.wait_until(
-        lambda: len(fish.received(topics.JOINT_STATES)[-1].name) == 5,
+        lambda: len(fish.received(topics.JOINT_STATES)[-1].name) == 6,
         "joint_states of the five-segment fin",
     )
 
@@ -226,14 +228,16 @@ def test_a_peduncle_is_set_list_by_list_while_the_fish_swims_on_without_it(fish:
     fish.wait_for_state(State.SWIMMING)
     peduncle = {"length": 0.03, "root_height": 0.03, "tip_height": 0.02, "mass_per_area": 1.0}
     for name, value in peduncle.items():
-        assert len(fish.received(topics.JOINT_STATES)[-1].name) == 3
+        assert len(fish.received(topics.JOINT_STATES)[-1].name) == 1 + HINGES
         assert fish.set_parameters({f"peduncle.{name}": [value]}).successful
         awaited = name != "mass_per_area"
         fish.wait_until(
             lambda: (s := fish.state()) is not None and ("peduncle.mass_per_area 0" in s.reason) is awaited,  # noqa: B023
             "the state with what is awaited",
         )
-    fish.wait_until(lambda: len(fish.received(topics.JOINT_STATES)[-1].name) == 4, "joint_states of the longer tail")
+    fish.wait_until(
+        lambda: len(fish.received(topics.JOINT_STATES)[-1].name) == 2 + HINGES, "joint_states of the longer tail"
+    )
 
 
 @pytest.mark.parametrize("parameter", ["fin.thickness:=0.5", "fin.young_modulus:=.nan", "fin.yung:=1.0"])
