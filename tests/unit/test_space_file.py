@@ -177,6 +177,8 @@ def test_a_sheet_of_a_material_has_the_middle_of_its_range_and_loses_what_it_doe
     assert (thin.young_modulus, thin.spread) == pytest.approx((1.395e9, 0.325e9))
     sent = found.rules.sent(found.start, {"stock": "thin", "gait.frequency": 2.0})
     assert sent["fin.damping_time"] == pytest.approx(0.029 / (4.0 * math.pi))
+    of_joint = found.rules.sent({**START}, {"stock": "thin", "gait.joint_1.frequency": 4.0})
+    assert of_joint["fin.damping_time"] == pytest.approx(0.029 / (8.0 * math.pi))
     measured = found.rules.sent(found.start, {"stock": "thick", "gait.frequency": 2.0})
     assert measured["fin.damping_time"] == START["fin.damping_time"]
 

@@ -81,9 +81,8 @@ class Rules:
         """
         result: dict[str, Any] = dict(start)
         if names.STOCK in values:
-            result |= self.stock[values[names.STOCK]].parameters(
-                values.get(names.FREQUENCY, start.get(names.FREQUENCY))
-            )
+            frequency = gait_of({**start, **values}).joints[-1].frequency
+            result |= self.stock[values[names.STOCK]].parameters(frequency)
         heights = list(result.get(names.HEIGHTS, ()))
         for name, value in values.items():
             place = names.height_place(name)
