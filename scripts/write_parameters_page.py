@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
-from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
+from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, node_table
 from fin_plant.parameters import Parameter, ParameterTable, load_table
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def page() -> str:
         ("`simulator`", load_table("fin_sim", "simulator_parameters.yaml")),
         ("`servo_driver`", load_table("fin_servo_driver", "servo_driver_parameters.yaml")),
         ("`velocity_estimator`", load_table("fin_servo_driver", "velocity_estimator_parameters.yaml")),
-        ("`rehearsal`", load_table("fin_servo_driver", "rehearsal_parameters.yaml")),
+        ("`rehearsal`", node_table("fin_servo_driver", "rehearsal")),
         ("`optimizer`, besides the `fin.*` that its search starts from", own),
     ]
     parts = [HEAD]

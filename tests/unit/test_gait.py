@@ -103,7 +103,7 @@ def test_after_stop_the_tail_rests_at_neutral() -> None:
 
 
 def test_a_gait_with_other_joints_than_the_tail_is_refused() -> None:
-    with pytest.raises(ValueError, match="2 rows, the tail has 1 driven joints"):
+    with pytest.raises(ValueError, match="2 rows, the tail has 1 driven joint"):
         GaitFollower(1, RAMP).command(Gait((JointDrive(0.1, 1.0),) * 2), 0.0)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import runpy
 import sys
 import types
@@ -106,8 +107,55 @@ def test_a_robot_file_is_read_before_anything_starts(tmp_path: Path) -> None:
     for name, message in ((str(tmp_path / "robot.yml"), "there is no such file"), (str(garbage), "joints")):
         specs = study_nodes.nodes({"plant": "robot", "robot_file": name})
         with pytest.raises(ValueError, match=message):
-            study_nodes.check_robot_files(specs)
-    study_nodes.check_robot_files(study_nodes.nodes({"plant": "rehearsal", "robot_file": "modbus"}))
+            study_nodes.check_tails(specs)
+    study_nodes.check_tails(study_nodes.nodes({"plant": "rehearsal", "robot_file": "modbus"}))
+
+
+THREE = {"gait.preset": "sub_carangiform", "gait.driven_joints": "3"}
+TWO_LINKS = {
+    "peduncle.length": "[0.03, 0.02]",
+    "peduncle.root_height": "[0.05, .04]",
+    "peduncle.tip_height": "[.04, 0.035]",
+    "peduncle.mass_per_area": "[20, 20]",
+}
+
+
+@pytest.mark.parametrize("plant", ["sim", "rehearsal"])
+def test_one_line_swims_three_driven_joints_on_the_simulator_and_in_the_rehearsal(plant: str) -> None:
+    given = {"plant": plant, **THREE, **TWO_LINKS} | ({"robot_file": "three_servos"} if plant == "rehearsal" else {})
+    fish, *_, optimizer = specs = study_nodes.nodes(given)
+    study_nodes.check_tails(specs)
+    assert fish.parameters["peduncle.root_height"] == [0.05, 0.04]
+    assert optimizer.parameters == {"gait.preset": "sub_carangiform", "gait.driven_joints": 3}
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (THREE, "3 driven joints, the simulated fish, by its peduncle.length, 1: give as many in gait.preset"),
+        (TWO_LINKS, "the gait has 1 driven joint, the simulated fish, by its peduncle.length, 3: give"),
+        ({"plant": "robot", "robot_file": "two_servos", **THREE}, "3 driven joints, robot_file:=two_servos 2: give"),
+        ({"plant": "robot", "robot_file": "two_servos"}, "the gait has 1 driven joint, robot_file:=two_servos 2: give"),
+        (
+            {"plant": "rehearsal", **THREE, **TWO_LINKS},
+            "robot_file:=firmata has 1 driven joint, the hidden fish 3: give",
+        ),
+        (
+            {"plant": "rehearsal", "robot_file": "three_servos", **THREE},
+            "three_servos has 3 driven joints, the hidden fish 1",
+        ),
+        (
+            {"gait.joints.amplitude": "[0.1, 0.2]", "gait.joints.phase": "[0]"},
+            "gait.joints.amplitude 2, gait.joints.phase 1",
+        ),
+    ],
+)
+def test_gait_robot_file_and_fish_have_as_many_driven_joints_or_nothing_starts(
+    given: dict[str, str], message: str
+) -> None:
+    specs = study_nodes.nodes(given)
+    with pytest.raises(ValueError, match=re.escape(message)):
+        study_nodes.check_tails(specs)
 
 
 def test_several_fish_of_a_rehearsal_are_emulated_alike() -> None:

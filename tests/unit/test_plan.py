@@ -83,7 +83,7 @@ def test_the_plan_of_known_parameters() -> None:
     assert (asked.trials, asked.seed, asked.failures_in_a_row, asked.minimum_free) == (12, 7, 3, 2e8)
     assert (asked.autostart, asked.exit_when_done, asked.plants) == (True, True, ("/a/fish", "/b"))
     assert asked.gait == Gait((JointDrive(0.2, 1.6),))
-    assert asked.no_gait == Gait((JointDrive(0.0, 1.6),))
+    assert asked.gait.at_rest == Gait((JointDrive(0.0, 1.6),))
     assert asked.measurement == Measurement(1.5, 4.0, block=0.625)
     assert asked.timeouts == Timeouts(60.0, 10.0, 10.0, 5.0, 20.0, 0.0)
     assert asked.settings.policy == Policy(repeats=3, attempts=2)
@@ -104,8 +104,16 @@ def test_every_setting_of_the_paper_is_known() -> None:
         "search.young_modulus.minimum": 0.5e9,
         "search.young_modulus.maximum": 4e9,
         "search.young_modulus.step_variance": 1e17,
+        "gait.preset": "carangiform",
+        "gait.driven_joints": 0,
         "gait.amplitude": 0.2,
         "gait.frequency": 1.6,
+        "gait.lag": 0.9,
+        "gait.bias": 0.0,
+        "gait.joints.amplitude": [],
+        "gait.joints.frequency": [],
+        "gait.joints.phase": [],
+        "gait.joints.bias": [],
         "measurement.settle": 0.0,
         "measurement.duration": 10.0,
         "measurement.largest_speed": 1.0,

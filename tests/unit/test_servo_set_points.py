@@ -107,7 +107,7 @@ def test_the_range_of_the_servo_limits_the_gait_too() -> None:
 
 
 def test_a_gait_with_another_number_of_rows_is_refused() -> None:
-    with pytest.raises(ValueError, match="gait has 2 rows, the tail has 1 driven joints"):
+    with pytest.raises(ValueError, match="gait has 2 rows, the tail has 1 driven joint"):
         motion().allowed(Gait((JointDrive(0.1, 1.0),) * 2), 0.2, 5.0)
 
 

@@ -159,7 +159,7 @@ def test_efficiency_refuses_the_force_at_the_tip() -> None:
         ({"clamp": "loose"}, "clamp = 'loose'"),
         ({"reactive": "none"}, "reactive = 'none'"),
         ({"tow_speed": float("inf"), "clamp": "towed"}, "tow_speed = inf m/s"),
-        ({"gait": Gait((JointDrive(0.1, 1.0),) * 2)}, "gait has 2 rows, the tail has 1 driven joints"),
+        ({"gait": Gait((JointDrive(0.1, 1.0),) * 2)}, "gait has 2 rows, the tail has 1 driven joint"),
     ],
 )
 def test_bad_arguments_are_refused_by_name(arguments: dict[str, object], message: str) -> None:

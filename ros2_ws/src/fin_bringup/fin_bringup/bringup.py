@@ -58,7 +58,7 @@ def main() -> int:
     ros_environment.prepare()
     try:
         nodes = study_nodes.nodes(parse(words))
-        study_nodes.check_robot_files(nodes)
+        study_nodes.check_tails(nodes)
         study = StudyProcesses(nodes)
     except (ValueError, FileNotFoundError) as error:
         sys.stderr.write(f"error: {error}\n")

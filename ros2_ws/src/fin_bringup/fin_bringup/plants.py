@@ -46,7 +46,7 @@ PLANTS = {
     "robot": (PlantNode("fin_servo_driver", "servo_driver", _ROBOT), _ESTIMATOR),
     # The emulated device comes first and so ends last: the driver's neutral must still find it.
     "rehearsal": (
-        PlantNode("fin_servo_driver", "rehearsal", load_table("fin_servo_driver", "rehearsal_parameters.yaml")),
+        PlantNode("fin_servo_driver", "rehearsal", node_table("fin_servo_driver", "rehearsal")),
         PlantNode("fin_servo_driver", "servo_driver", PLANT_LIMITS, {"plant": "rehearsal"}),
         _ESTIMATOR,
     ),

@@ -123,6 +123,8 @@ def _value(parameter: Parameter, text: str) -> Value:
     try:
         if parameter.kind == "string_array":
             return parameter.check(words_of(text))
+        if parameter.kind == "double_array" and text.strip().startswith("["):
+            return parameter.check([checks.read_number(word) for word in words_of(text)])
         # JSON's numbers and truth values, and what people write for numbers besides: 1e9, .5
         value = json.loads(text.lower()) if parameter.kind != "double" else checks.read_number(text)
     except ValueError:

@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, cast
 
 from fin_bringup.plants import plant_named
 from fin_bringup.study_arguments import NAMESPACE, parameters_of, refuse_unknown, words_of
-from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER, OPTIMIZER_PARAMETERS
+from fin_optimizer.gait_parameters import gait_from_parameters
+from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER, OPTIMIZER_PARAMETERS, SIMULATOR
 from fin_optimizer.study.journal import StudyError
+from fin_plant.gait import counted
+from fin_plant.parameters import load_table
 from fin_plant.paths import given_path
 from fin_servo_driver import robot_file
 
@@ -25,6 +28,8 @@ if TYPE_CHECKING:
 _LATER_FISH: dict[str, Value] = {"publish_clock": False}
 # The paper swam each fin of its robot three times; a simulated swim repeats but for its last digits. Empty asks so.
 _REPEATS = {"robot": "3"}
+_EXAMPLE = str(load_table("fin_servo_driver", "rehearsal_parameters.yaml")["robot_file"].default)
+"""Robot file of a rehearsal that gives none."""
 
 
 @dataclass(frozen=True)
@@ -105,15 +110,47 @@ def _of_its_time(study_folder: str) -> dict[str, str]:
     return {name: value if isinstance(value, str) else json.dumps(value) for name, value in there.items()}
 
 
-def check_robot_files(specs: Iterable[NodeSpec]) -> None:
-    """Read the robot file of each node that is to get one, before anything is started.
+def check_tails(specs: Iterable[NodeSpec]) -> None:
+    """Read each robot file, and compare the driven joints of gait and fish, before anything is started.
+
+    Args:
+        specs: The nodes of a study, the optimiser last.
 
     Raises:
-        ValueError: There is no such file, or something in it is refused.
+        ValueError: A robot file that is not there or is refused, a gait that cannot be, or another number of driven
+            joints than the fish has.
     """
-    for spec in specs:
-        if name := spec.parameters.get("robot_file"):
-            robot_file.load(robot_file.find(str(name)))
+    *plants, optimizer = specs
+    gait = gait_from_parameters(OPTIMIZER_PARAMETERS.checked(optimizer.parameters))
+    for spec in plants:
+        for whose, joints in _driven_joints(spec).items():
+            if joints != len(gait.joints):
+                msg = (
+                    f"the gait has {counted(len(gait.joints))}, {whose} {joints}: give as many in gait.preset and "
+                    "gait.driven_joints, or in gait.joints.amplitude"
+                )
+                raise ValueError(msg)
+
+
+def _driven_joints(spec: NodeSpec) -> dict[str, int]:
+    """Return how many driven joints a node's parameters tell, by whose they are; empty for a node without a tail.
+
+    Raises:
+        ValueError: There is no such robot file, something in it is refused, or it is not that of the hidden fish.
+    """
+    found: dict[str, int] = {}
+    links = len(cast("list[float]", spec.parameters.get("peduncle.length", [])))
+    if name := spec.parameters.get("robot_file", _EXAMPLE if spec.name == "rehearsal" else ""):
+        found[f"robot_file:={name}"] = servos = len(robot_file.load(robot_file.find(str(name))).joints)
+        if spec.name == "rehearsal" and servos != links + 1:
+            msg = (
+                f"robot_file:={name} has {counted(servos)}, the hidden fish {links + 1}: give peduncle.length and the "
+                f"other peduncle.* one value for each joint before the fin's, or another robot_file"
+            )
+            raise ValueError(msg)
+    if spec.name == SIMULATOR:
+        found["the simulated fish, by its peduncle.length,"] = links + 1
+    return found
 
 
 def _robots(values: Mapping[str, str], count: int) -> list[dict[str, str]]:

@@ -51,8 +51,9 @@ def start_nodes(given: dict[str, str], _context: LaunchContext) -> list[Node]:
     Raises:
         ValueError: An argument that is unknown or whose value is refused.
     """
-    *plants, optimizer = study_nodes.nodes(given)
-    study_nodes.check_robot_files(plants)
+    specs = study_nodes.nodes(given)
+    study_nodes.check_tails(specs)
+    *plants, optimizer = specs
     fish: dict[str, list[Node]] = {}
     for spec in plants:
         fish.setdefault(spec.namespace, []).append(_node(spec, partial(end_fish, fish, spec)))

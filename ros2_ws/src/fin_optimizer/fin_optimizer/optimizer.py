@@ -204,7 +204,7 @@ class Optimizer:
             if swimmer.plant.state is None and now - self._start_at < _FIRST_WORD:
                 continue  # its limits are looked at before anything is proposed
             if swimmer.cut_gait:
-                self._give_up(f"{swimmer.namespace}: {swimmer.cut_gait}. Ask for a gait within them, or change them")
+                self._give_up(f"{swimmer.namespace}: {swimmer.cut_gait}")
                 return _IDLE_PERIOD
             if missing := shortage(self._study.folder, self._plan.minimum_free):
                 self._give_up(missing)
@@ -297,7 +297,7 @@ class Optimizer:
         plan = self._plan
         return Conditions(
             plan.gait,
-            plan.no_gait,
+            plan.gait.at_rest,
             plan.measurement,
             plan.timeouts,
             plan.wants_cost,

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
+from fin_optimizer.gait_parameters import beat_of, gait_from_parameters
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER_PARAMETERS
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.search.algorithms import search
@@ -21,7 +22,6 @@ from fin_optimizer.study.settings import Objective, Policy, Settings, begun_by_d
 from fin_optimizer.trial.phases import Timeouts
 from fin_optimizer.words import MODULUS
 from fin_plant.fin import AREA, Fin
-from fin_plant.gait import Gait, JointDrive, carangiform
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from fin_optimizer.search.space import Search
     from fin_optimizer.search.space_file import SpaceFile
+    from fin_plant.gait import Gait
     from fin_plant.parameters import Value
 
 _LENGTH = "fin.length"
@@ -97,9 +98,8 @@ class StudyPlan:
         values = {**values, **_of_its_time(values)}
         objective = Objective(values["objective"])
         fin = Fin.from_parameters(values)
-        drive = _built(JointDrive, values, "gait.")
-        gait = carangiform(drive.amplitude, drive.frequency)
-        given = _space_file(values)
+        gait = gait_from_parameters(values)
+        given = _space_file(values, len(gait.joints))
         if given is None:
             varied = _varied(values)
             space = Space(tuple(Dimension(name, v.minimum, v.maximum, unit=_unit(name)) for name, v in varied.items()))
@@ -109,6 +109,9 @@ class StudyPlan:
             space, gait = given.space, _widest_gait(given)
             deviations = {d.name: max(_STEP_SHARE * (d.high - d.low), d.step) for d in space.ranges}
             settings = _settings_of_file(values, given, objective)
+        if not gait.moves:
+            msg = "the gait moves no joint: give gait.amplitude, gait.joints.amplitude or a bias, in rad"
+            raise ValueError(msg)
         return cls(
             **{name: values[name] for name in _AS_GIVEN},
             minimum_free=values["disk.minimum_free"],
@@ -123,16 +126,11 @@ class StudyPlan:
             ),
             fin=fin,
             gait=gait,
-            measurement=_built(Measurement, values, "measurement.", block=1.0 / gait.joints[-1].frequency),
+            measurement=_built(Measurement, values, "measurement.", block=beat_of(gait)),
             timeouts=_built(Timeouts, values, "timeout."),
             settings=settings,
             files={} if given is None else given.files,
         )
-
-    @property
-    def no_gait(self) -> Gait:
-        """The gait of a tail at rest."""
-        return Gait(tuple(JointDrive(0.0, joint.frequency) for joint in self.gait.joints))
 
     def gait_of(self, values: Mapping[str, Any]) -> Gait:
         """Return the gait of a candidate."""
@@ -140,7 +138,7 @@ class StudyPlan:
 
     def measurement_of(self, gait: Gait) -> Measurement:
         """Return which part of the swim with a gait is scored: its speed is judged beat by beat."""
-        return replace(self.measurement, block=1.0 / gait.joints[-1].frequency)
+        return replace(self.measurement, block=beat_of(gait))
 
     @property
     def wants_cost(self) -> bool:
@@ -200,7 +198,7 @@ def _unit(name: str) -> str:
     return OPTIMIZER_PARAMETERS[name].unit
 
 
-def _space_file(values: Mapping[str, Any]) -> SpaceFile | None:
+def _space_file(values: Mapping[str, Any], joints: int) -> SpaceFile | None:
     """Return what the search space's file says, of a study that is gone on with its copy's; None without one.
 
     Raises:
@@ -215,7 +213,7 @@ def _space_file(values: Mapping[str, Any]) -> SpaceFile | None:
     if beside := [name for name in _SHORT_FORM if values[name] != OPTIMIZER_PARAMETERS[name].default]:
         msg = f"{beside[0]} says what is searched, and so does {path}: put it into the file, or leave the file out"
         raise ValueError(msg)
-    return read_space(path, sent_parameters(values))
+    return read_space(path, sent_parameters(values), joints)
 
 
 def _widest_gait(given: SpaceFile) -> Gait:

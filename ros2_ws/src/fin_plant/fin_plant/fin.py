@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,6 +16,9 @@ PLANT_PARAMETERS: ParameterTable = load_table("fin_plant", "plant_parameters.yam
 FIN_PARAMETERS: ParameterTable = PLANT_PARAMETERS.group("fin")
 _SHARED = {"simulator": PLANT_PARAMETERS, "servo_driver": PLANT_PARAMETERS, "optimizer": FIN_PARAMETERS}
 """What a node has besides the table that bears its name: the optimiser the fin that its search starts from."""
+
+_REHEARSAL = "rehearsal"
+"""Has the simulator's peduncle besides its own, fixed: its hidden fish is built as the simulated one."""
 
 SHAPES = {"rectangular": 1.0, "flaring": 3.0, "tapered": 1.0 / 3.0}
 """Named fins: height at the tip over height at the root. A fin that triples is a delta that a servo can still hold."""
@@ -37,7 +40,11 @@ def node_table(package: str, node: str) -> ParameterTable:
     Raises:
         FileNotFoundError: The package has no table of parameters by that name.
     """
-    return ParameterTable({**load_table(package, f"{node}_parameters.yaml"), **_SHARED.get(node, {})})
+    table = {**load_table(package, f"{node}_parameters.yaml"), **_SHARED.get(node, {})}
+    if node == _REHEARSAL:
+        peduncle = load_table("fin_sim", "simulator_parameters.yaml").group("peduncle")
+        table |= {name: replace(entry, read_only=True) for name, entry in peduncle.items()}
+    return ParameterTable(table)
 
 
 @dataclass(frozen=True)

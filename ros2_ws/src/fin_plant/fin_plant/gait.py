@@ -70,20 +70,38 @@ class JointDrive:
         turned = math.remainder(self.phase, 2.0 * math.pi)
         object.__setattr__(self, "phase", math.pi if turned == -math.pi else turned)
 
-    def limited(self, sweep: float, highest_frequency: float) -> JointDrive:
-        """Return the drive with |bias| + amplitude at most ``sweep`` rad; the bias is kept before the amplitude."""
+    def limited(self, sweep: float, highest_frequency: float, rate: float = math.inf) -> JointDrive:
+        """Return the drive with |bias| + amplitude at most ``sweep`` rad; the bias is kept before the amplitude.
+
+        Where the rate in rad/s is the limit the amplitude gives way, so that the beat keeps its frequency.
+        """
         bias = min(max(self.bias, -sweep), sweep)
-        return replace(
+        inside = replace(
             self,
             amplitude=min(self.amplitude, sweep - abs(bias)),
             frequency=min(self.frequency, highest_frequency),
             bias=bias,
         )
+        peak_rate = 2.0 * math.pi * inside.frequency
+        return replace(inside, amplitude=rate / peak_rate) if inside.amplitude * peak_rate > rate else inside
 
     @property
     def moves(self) -> bool:
         """Whether the joint is driven away from neutral."""
         return self.bias != 0.0 or self.amplitude > 0.0
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """What one driven joint can do.
+
+    Attributes:
+        sweep: Largest angle to either side, rad.
+        rate: Largest rate, rad/s; infinite where there is none.
+    """
+
+    sweep: float
+    rate: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -132,14 +150,51 @@ class Gait:
         """
         return len(self.joints) == len(other.joints) and _same(self.rows(), other.rows(), rounding)
 
-    def limited(self, sweep: float, highest_frequency: float) -> Gait:
-        """Return the gait with every joint inside the limits (rad, Hz)."""
-        return Gait(tuple(joint.limited(sweep, highest_frequency) for joint in self.joints))
+    def limited(self, sweep: float, highest_frequency: float, limits: Sequence[JointLimits] = ()) -> Gait:
+        """Return the gait with every joint inside the limits.
+
+        Args:
+            sweep: Largest angle of any joint, rad.
+            highest_frequency: Hz.
+            limits: Of each joint, from the head to the tail; empty where the others are all there are.
+
+        Raises:
+            ValueError: Another number of limits than of joints.
+        """
+        each = limits or [JointLimits(sweep)] * len(self.joints)
+        require_rows(self, len(each))
+        return Gait(
+            tuple(
+                joint.limited(min(sweep, own.sweep), highest_frequency, own.rate)
+                for joint, own in zip(self.joints, each, strict=True)
+            )
+        )
+
+    @property
+    def at_rest(self) -> Gait:
+        """The gait of the same tail led to its middle; frequencies and phases stay."""
+        return Gait(tuple(replace(joint, amplitude=0.0, bias=0.0) for joint in self.joints))
 
     @property
     def moves(self) -> bool:
         """Whether any joint is driven away from neutral."""
         return any(joint.moves for joint in self.joints)
+
+
+def counted(joints: int) -> str:
+    """Return a number of driven joints in words."""
+    return f"{joints} driven joint{'' if joints == 1 else 's'}"
+
+
+def require_rows(gait: Gait, joints: int) -> None:
+    """Refuse a gait with another number of rows than the tail has joints.
+
+    Raises:
+        ValueError: It has.
+    """
+    if len(gait.joints) != joints:
+        msg = f"gait has {len(gait.joints)} rows, the tail has {counted(joints)}: send one row a joint"
+        raise ValueError(msg)
 
 
 def _same(one: NDArray[np.float64], other: NDArray[np.float64], rounding: float = 0.0) -> bool:
@@ -180,15 +235,22 @@ def sub_carangiform(amplitude: float, frequency: float, joints: int = 2, lag: fl
     return Gait(tuple(JointDrive(part * amplitude, frequency, phase=-lag * index) for index, part in enumerate(rising)))
 
 
-def gait_preset(name: str, joints: int, amplitude: float, frequency: float) -> Gait:
+def gait_preset(name: str, joints: int, amplitude: float, frequency: float, lag: float = _SUB_CARANGIFORM_LAG) -> Gait:
     """Return the named gait, ``carangiform`` or ``sub_carangiform``, for a tail with so many driven joints.
+
+    Args:
+        name: Of the gait.
+        joints: Driven joints.
+        amplitude: Of the last joint, rad.
+        frequency: Hz.
+        lag: Phase of a joint behind the one in front of it, rad.
 
     Raises:
         ValueError: An unknown name, or a gait that does not fit that tail.
     """
     checks.choice("gait", name, ("carangiform", "sub_carangiform"))
     if name == "sub_carangiform":
-        return sub_carangiform(amplitude, frequency, joints)
+        return sub_carangiform(amplitude, frequency, joints, lag)
     if joints != 1:
         msg = f"a carangiform tail has 1 driven joint, this one has {joints}: choose the gait sub_carangiform"
         raise ValueError(msg)
@@ -383,9 +445,7 @@ class GaitFollower:
         Raises:
             ValueError: The gait has another number of joints.
         """
-        if len(gait.joints) != self.joints:
-            msg = f"gait has {len(gait.joints)} rows, the tail has {self.joints} driven joints: send one row a joint"
-            raise ValueError(msg)
+        require_rows(gait, self.joints)
         self._change(gait.rows(), time)
 
     def stop(self, time: float) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from fin_plant import checks
+from fin_plant import checks, json_file
+from fin_plant.gait import MAXIMUM_JOINTS, JointLimits
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 
 EMERGENCY = "the emergency stop is latched: release it with ~/estop false"
@@ -18,6 +20,10 @@ RELEASE = "release"
 """What it waits for then, in the detail ``waiting_for``."""
 LIMITS = ("limits.sweep", "limits.frequency")
 """Details of every plant: largest angle of a driven joint in rad and highest frequency in Hz to which a gait is cut."""
+DRIVEN_JOINTS = "driven_joints"
+"""Detail of a plant that knows its tail: number of driven joints, each of which a gait needs a row for."""
+JOINT_SWEEPS, JOINT_RATES = "joints.sweep", "joints.rate"
+"""Details of a robot: what each driven joint can do by itself, lists in rad and rad/s from the head to the tail."""
 SLOWEST_PACE = "slowest_pace"
 """Detail of a plant that need not keep the wall's time: s of its own that it swims at least in one of the wall's."""
 STARTS_AT_REST = "starts_at_rest"
@@ -49,7 +55,7 @@ class PlantState:
         details: Further facts, by name; ``waiting_for`` is what somebody must do at the plant.
 
     Raises:
-        ValueError: One of `LIMITS` or `SLOWEST_PACE` is no number that it can be.
+        ValueError: One of `LIMITS`, `SLOWEST_PACE` or of what is said of the joints is no number that it can be.
     """
 
     state: State
@@ -62,6 +68,12 @@ class PlantState:
     def __post_init__(self) -> None:
         for name in LIMITS:
             self._number(name, 0.0)
+        if DRIVEN_JOINTS in self.details:
+            checks.whole_number(DRIVEN_JOINTS, self.driven_joints, 1, MAXIMUM_JOINTS)
+        for name in (JOINT_SWEEPS, JOINT_RATES):
+            if name in self.details and len(self._numbers(name)) != self.driven_joints:
+                msg = f"{name} = {self.details[name]} needs a value for each of {DRIVEN_JOINTS} = {self.driven_joints}"
+                raise ValueError(msg)
         checks.number(SLOWEST_PACE, self.slowest_pace, 0.0, exclusive_minimum=True)
 
     def _number(self, name: str, untold: float) -> float:
@@ -79,6 +91,33 @@ class PlantState:
             raise ValueError(msg) from error
         return checks.number(name, value, 0.0)
 
+    def _numbers(self, name: str) -> list[float]:
+        """Return a detail that is a list of numbers of 0 or more; empty where it is not told.
+
+        Raises:
+            ValueError: It is none.
+        """
+        try:
+            told = json_file.parse(self.details.get(name, "[]"))
+            return [checks.number(name, value, 0.0) for value in told]  # type: ignore[attr-defined]
+        except (TypeError, ValueError) as error:
+            msg = f"{name} = {self.details[name]!r} must be a list of numbers: {error}"
+            raise ValueError(msg) from error
+
+    @property
+    def driven_joints(self) -> int:
+        """Number of driven joints; 0 where the plant does not tell it."""
+        number = self._number(DRIVEN_JOINTS, 0.0)
+        return checks.whole_number(DRIVEN_JOINTS, int(number) if number.is_integer() else number)
+
+    @property
+    def joint_limits(self) -> tuple[JointLimits, ...]:
+        """What each driven joint can do by itself; empty where the plant does not tell it."""
+        sweeps, rates = self._numbers(JOINT_SWEEPS), self._numbers(JOINT_RATES)
+        if not rates:
+            return tuple(map(JointLimits, sweeps))
+        return tuple(JointLimits(*each) for each in zip(sweeps, rates, strict=True))
+
     @property
     def slowest_pace(self) -> float:
         """Seconds of its own time that the plant swims at least in a second of the wall's."""
@@ -94,3 +133,10 @@ class PlantState:
         """Whether somebody must do something at the plant: mount a fin, or release an emergency stop."""
         waits = self.state in {State.WAITING_FOR_FIN, State.WAITING_FOR_RESET}
         return waits or bool(self.details.get("waiting_for"))
+
+
+def joint_details(limits: Sequence[JointLimits]) -> dict[str, str]:
+    """Return what `PlantState.driven_joints` and `PlantState.joint_limits` are read from, as details of a plant."""
+    details = {DRIVEN_JOINTS: str(len(limits)), JOINT_SWEEPS: repr([each.sweep for each in limits])}
+    rates = [each.rate for each in limits]
+    return details if math.inf in rates else {**details, JOINT_RATES: repr(rates)}

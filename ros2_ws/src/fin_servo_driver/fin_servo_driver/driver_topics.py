@@ -13,16 +13,17 @@ from fin_plant import topics
 from fin_plant.fin import FIN_PARAMETERS
 from fin_plant.gait import Gait
 from fin_plant.messages import as_text, gait_message, key_values, plant_state_message, time_message
-from fin_plant.plant_state import LIMITS, PlantState, State
+from fin_plant.plant_state import LIMITS, PlantState, State, joint_details
 from fin_servo_driver.diagnosis import describe
 from fin_servo_driver.robot_states import Waiting
 from fin_servo_driver.wall_clock import stamp_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from rclpy.node import Node
 
+    from fin_plant.gait import JointLimits
     from fin_plant.parameters import Value
     from fin_servo_driver.diagnosis import Counters
     from fin_servo_driver.io_thread import IoThread
@@ -57,7 +58,14 @@ class DriverTopics:
         self._told: tuple[object, ...] = ()
 
     def tell_state(
-        self, standing: Standing, states: RobotStates, values: Mapping[str, Value], awaited: str, *, anew: bool
+        self,
+        standing: Standing,
+        states: RobotStates,
+        values: Mapping[str, Value],
+        awaited: str,
+        limits: Sequence[JointLimits],
+        *,
+        anew: bool,
     ) -> None:
         """Publish the state if it has changed, or in any case; with a new stamp unless a swim goes on.
 
@@ -66,6 +74,7 @@ class DriverTopics:
             states: What is mounted, and since when it swims.
             values: The node's parameters.
             awaited: Parameters that are incomplete, in words.
+            limits: What each driven joint can do; empty while there is no device.
             anew: Whether to publish in any case.
         """
         told = (standing, states.swimming_since)
@@ -77,6 +86,7 @@ class DriverTopics:
             self._stamp = max(self._stamp + 1, begun or time.time_ns())
         details = {"waiting_for": standing.waiting.value if standing.waiting else ""}
         details |= {name: as_text(values[name]) for name in LIMITS}
+        details |= joint_details(limits) if limits else {}
         if standing.waiting is Waiting.FIN:
             details |= {f"wanted.{name}": as_text(values[name]) for name in FIN_PARAMETERS}
         mounted = {name: as_text(value) for name, value in (states.mounted or {}).items()}
@@ -91,10 +101,8 @@ class DriverTopics:
 
     def tell_rest(self, joints: int) -> None:
         """Publish that so many joints stand still, with frequency and phase of the gait that they had."""
-        rows = np.zeros((joints, 4))
-        if len(self.applied.joints) == joints:
-            rows[:, 1:3] = self.applied.rows()[:, 1:3]
-        self.tell_gait(Gait.from_rows(rows))
+        known = len(self.applied.joints) == joints
+        self.tell_gait(self.applied.at_rest if known else Gait.from_rows(np.zeros((joints, 4))))
 
     def tell_joint_states(self, io: IoThread) -> None:
         """Publish what the I/O thread has sampled since the last time."""

@@ -170,7 +170,8 @@ class Rehearsal:
         self._robot = robot_file.load(robot_file.find(str(values["robot_file"])))
         names = ("mass", "drag", "stiffness", "servo_lag")
         deviation = Deviation(**{name: cast("float", values[f"hidden.{name}"]) for name in names})
-        self._fish = HiddenFish(Fin(), len(self._robot.joints), deviation)
+        peduncle = {name: value for name, value in values.items() if name in PARAMETERS.group("peduncle")}
+        self._fish = HiddenFish(Fin(), len(self._robot.joints), deviation, peduncle)
         self._every = _divisor(cast("float", values["camera.rate"]))
         self._latency = cast("float", values["camera.latency"])
         self._random = np.random.default_rng(cast("int", values["seed"]))

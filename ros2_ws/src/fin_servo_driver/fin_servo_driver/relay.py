@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fin_plant.gait import Gait, GaitFollower
-from fin_servo_driver.set_points import Outputs, require_rows
+from fin_plant.gait import GaitFollower, JointLimits, require_rows
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from fin_plant.gait import Gait
     from fin_servo_driver.robot_file import RelayJoint, RelayTiming
+    from fin_servo_driver.set_points import Outputs
 
 LEFT, OFF, RIGHT = 1, 0, -1
 """As `GaitFollower.levels` has them."""
@@ -101,6 +102,11 @@ class RelayMotion:
         return len(self._joints)
 
     @property
+    def limits(self) -> tuple[JointLimits, ...]:
+        """What each driven joint can do, from the head to the tail."""
+        return tuple(JointLimits(joint.stroke) for joint in self._joints)
+
+    @property
     def operations(self) -> dict[int, int]:
         """How often the relay of each channel came on."""
         pairs = zip(self._joints, self.switches, strict=True)
@@ -135,8 +141,7 @@ class RelayMotion:
                     f"{highest:g} Hz: {reason}"
                 )
                 raise ValueError(msg)
-        pairs = zip(gait.joints, self._joints, strict=True)
-        return Gait(tuple(drive.limited(min(sweep, joint.stroke), highest_frequency) for drive, joint in pairs))
+        return gait.limited(sweep, highest_frequency, self.limits)
 
     def restart(self, ramp_time: float, measured: Mapping[int, float]) -> None:
         """Begin anew with all relays off; nothing is measured on relays."""

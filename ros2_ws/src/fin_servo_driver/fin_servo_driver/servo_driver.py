@@ -207,7 +207,8 @@ class ServoDriver:
 
     def publish_state(self, *, anew: bool = False) -> None:
         """Publish the state if it has changed, or in any case; with a new stamp unless a swim goes on."""
-        self._topics.tell_state(self._look(), self._states, self._values, self._parameters.awaited, anew=anew)
+        limits = self._motion.limits if self._io is not None and self._motion is not None else ()
+        self._topics.tell_state(self._look(), self._states, self._values, self._parameters.awaited, limits, anew=anew)
 
     def _rest(self, reason: str = "") -> None:
         """Note that the tail swims no more."""

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from fin_plant.gait import Gait, GaitFollower, smooth_step
+from fin_plant.gait import GaitFollower, JointLimits, smooth_step
 from fin_servo_driver.safety import SetPointLimiter
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from fin_plant.gait import Gait
     from fin_servo_driver.robot_file import ServoJoint
 
 _LATE_PERIODS = 3.0
@@ -60,6 +60,10 @@ class Motion(Protocol):
     @property
     def joints(self) -> int:
         """Number of driven joints."""
+
+    @property
+    def limits(self) -> tuple[JointLimits, ...]:
+        """What each driven joint can do, from the head to the tail."""
 
     def is_still(self, now: float) -> bool:
         """Return whether the gait's end has faded at ``now`` s, and neutral was the last that was sent."""
@@ -122,6 +126,11 @@ class ServoMotion:
         return len(self._joints)
 
     @property
+    def limits(self) -> tuple[JointLimits, ...]:
+        """What each driven joint can do, from the head to the tail."""
+        return tuple(JointLimits(joint.reachable, joint.rate) for joint in self._joints)
+
+    @property
     def _way(self) -> float:
         """Time in s that the tail needs to neutral from where it stands, each joint at its rate."""
         pairs = zip(self.angles, self._joints, strict=True)
@@ -155,15 +164,7 @@ class ServoMotion:
         Raises:
             ValueError: Another number of rows than the tail has joints.
         """
-        require_rows(gait, self.joints)
-        drives = []
-        for drive, joint in zip(gait.joints, self._joints, strict=True):
-            inside = drive.limited(min(sweep, joint.reachable), highest_frequency)
-            peak_rate = 2.0 * math.pi * inside.frequency
-            if inside.amplitude * peak_rate > joint.rate:
-                inside = replace(inside, amplitude=joint.rate / peak_rate)
-            drives.append(inside)
-        return Gait(tuple(drives))
+        return gait.limited(sweep, highest_frequency, self.limits)
 
     def restart(self, ramp_time: float, measured: Mapping[int, float]) -> None:
         """Begin anew from neutral, or from where the servos say that they stand."""
@@ -224,14 +225,3 @@ class ServoMotion:
         """Note that the servos hold no angle any more."""
         del now
         self.angles = [0.0] * len(self._joints)
-
-
-def require_rows(gait: Gait, joints: int) -> None:
-    """Refuse a gait with another number of rows than the tail has joints.
-
-    Raises:
-        ValueError: It has.
-    """
-    if len(gait.joints) != joints:
-        msg = f"gait has {len(gait.joints)} rows, the tail has {joints} driven joints: send one row a joint"
-        raise ValueError(msg)

@@ -27,7 +27,16 @@ from fin_plant.messages import (
     time_message,
 )
 from fin_plant.node_parameters import NodeParameters, create_node
-from fin_plant.plant_state import EMERGENCY, LIMITS, RELEASE, SLOWEST_PACE, STARTS_AT_REST, PlantState, State
+from fin_plant.plant_state import (
+    DRIVEN_JOINTS,
+    EMERGENCY,
+    LIMITS,
+    RELEASE,
+    SLOWEST_PACE,
+    STARTS_AT_REST,
+    PlantState,
+    State,
+)
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
@@ -182,6 +191,7 @@ class Simulator:
         )
         fin = {name: as_text(value) for name, value in self._values.items() if name.startswith("fin.")}
         details = {name: as_text(self._values[name]) for name in LIMITS}
+        details[DRIVEN_JOINTS] = str(sum(self._stepper.chain.driven))
         details |= {SLOWEST_PACE: as_text(_SLOWEST_PACE), STARTS_AT_REST: "true"}
         if self._stopped:
             details["waiting_for"] = RELEASE

@@ -5,19 +5,24 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from typing import TYPE_CHECKING
 
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_plant.fin import FIN_PARAMETERS
-from fin_plant.gait import DRIVE_RANGES
-from fin_plant.parameters import Parameter
+from fin_plant.gait import COLUMNS
+
+if TYPE_CHECKING:
+    from fin_plant.parameters import Parameter
 
 STOCK = "stock"
 """Name of the choice among a table of sheets."""
 AMPLITUDE, FREQUENCY = "gait.amplitude", "gait.frequency"
-"""Of the whole tail; those of single joints are ``gait.joint_1.amplitude`` and so on."""
+WHOLE = {AMPLITUDE: "amplitude", FREQUENCY: "frequency", "gait.lag": "phase", "gait.bias": "bias"}
+"""What stands for the whole tail, and the column of a gait that it gives each joint a value in; the values of single
+joints are ``gait.joint_1.amplitude`` and so on."""
 HEIGHTS = "fin.profile_height"
 _HEIGHT = re.compile(r"fin\.profile_height\[(\d+)\]")
-_DRIVE = re.compile(rf"gait\.joint_(\d+)\.({'|'.join(DRIVE_RANGES)})")
+_DRIVE = re.compile(rf"gait\.joint_(\d+)\.({'|'.join(COLUMNS)})")
 
 
 def height(place: int) -> str:
@@ -49,12 +54,9 @@ def parameter(name: str) -> Parameter | None:
         return replace(FIN_PARAMETERS[HEIGHTS], name=name, kind="double", default=0.0)
     if (place := drive_place(name)) is not None:
         joint, column = place
-        if (whole := f"gait.{column}") in OPTIMIZER_PARAMETERS:
-            return replace(OPTIMIZER_PARAMETERS[whole], name=name)
-        low, high, unit = DRIVE_RANGES[column]
         description = f"{column.capitalize()} of driven joint {joint + 1}."
-        return Parameter(name, "double", 0.0, description, unit, low, high)
-    if name in {AMPLITUDE, FREQUENCY}:
+        return replace(OPTIMIZER_PARAMETERS[f"gait.joints.{column}"], name=name, kind="double", description=description)
+    if name in WHOLE:
         return OPTIMIZER_PARAMETERS[name]
     return FIN_PARAMETERS.get(name)
 
@@ -68,6 +70,6 @@ def searchable(heights: int, joints: int) -> dict[str, Parameter]:
     """
     names = [name for name, entry in FIN_PARAMETERS.items() if not entry.kind.endswith("array")]
     names += [height(place) for place in range(1, heights + 1)]
-    names += [AMPLITUDE, FREQUENCY]
-    names += [drive(joint, column) for joint in range(1, joints + 1) for column in DRIVE_RANGES]
+    names += [name for name in WHOLE if name != "gait.lag" or joints > 1]
+    names += [drive(joint, column) for joint in range(1, joints + 1) for column in COLUMNS]
     return {name: entry for name in names if (entry := parameter(name)) is not None}

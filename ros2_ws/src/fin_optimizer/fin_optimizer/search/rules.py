@@ -8,13 +8,14 @@ from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
+from fin_optimizer.gait_parameters import gait_from_parameters
 from fin_optimizer.search import names
 from fin_optimizer.search.conditions import Condition
 from fin_optimizer.search.space import Space, generator
 from fin_optimizer.search.stock import SETS, Sheet
 from fin_optimizer.search.ties import TIP_OVER_ROOT, VOLUME, Tie, area_of
 from fin_plant.fin import AREA, Fin
-from fin_plant.gait import COLUMNS, Gait, carangiform
+from fin_plant.gait import COLUMNS, Gait
 from fin_sim.rigid_fin import rigid_fin_load
 
 if TYPE_CHECKING:
@@ -46,12 +47,12 @@ def condition_units(heights: int, joints: int) -> dict[str, str]:
 
 
 def gait_of(parameters: Mapping[str, Any]) -> Gait:
-    """Return the gait that parameters describe: that of the whole tail, single numbers of joints in its place.
+    """Return the gait that parameters describe: that of the whole tail, single numbers of joints in place of its.
 
     Raises:
-        ValueError: A drive that is refused.
+        ValueError: A gait that is refused.
     """
-    rows = carangiform(parameters[names.AMPLITUDE], parameters[names.FREQUENCY]).rows()
+    rows = gait_from_parameters(parameters).rows()
     for name, value in parameters.items():
         if (place := names.drive_place(name)) is not None:
             rows[place[0], COLUMNS.index(place[1])] = value

@@ -229,7 +229,7 @@ def _refuse_twice(searched: Collection[str], stock: Mapping[str, Sheet], joints:
     if stock and (twice := [name for name in SETS if name in searched]):
         msg = f"{twice[0]} is searched twice, by itself and with the sheets in stock: leave one of them out"
         raise ValueError(msg)
-    for whole, column in ((names.AMPLITUDE, "amplitude"), (names.FREQUENCY, "frequency")):
+    for whole, column in names.WHOLE.items():
         parts = [names.drive(joint, column) for joint in range(1, joints + 1)]
         if whole in searched and (twice := [name for name in parts if name in searched]):
             msg = f"{whole} is searched twice, for the whole tail and as {twice[0]}: leave one of them out"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, cast
 
+from fin_optimizer.gait_parameters import beat_of, describe_gait, gait_from_parameters
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study import drawing
@@ -15,7 +15,6 @@ from fin_optimizer.study.settings import Objective
 from fin_optimizer.study.simulated_curve import can_be_computed, simulated_speed, speed_over_range
 from fin_plant.figures import try_to_draw
 from fin_plant.fin import AREA, Fin
-from fin_plant.gait import carangiform
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -74,8 +73,8 @@ def _simulated(settings: Settings, fish: Mapping[str, object]) -> SpeedCurve | N
     if isinstance(dimension, Choice) or settings.rules is not None:
         return None
     fin = Fin.from_parameters(settings.fin_of({dimension.name: dimension.minimum}))
-    gait = carangiform(details[_AMPLITUDE], details[_FREQUENCY])
-    measurement = Measurement(details[_SETTLE], details[_DURATION], block=1.0 / details[_FREQUENCY])
+    gait = gait_from_parameters(details)
+    measurement = Measurement(details[_SETTLE], details[_DURATION], block=beat_of(gait))
     parameters = {name: value for name, value in fish.items() if name != "plant"}
     try:
         speed = simulated_speed(dimension.name, fin, gait, measurement, parameters)  # type: ignore[arg-type]
@@ -89,7 +88,7 @@ def title(settings: Settings, tried: Sequence[Candidate]) -> str:
     details = cast("Mapping[str, float]", settings.details)
     lines = [_fin(settings, tried)]
     if {_FREQUENCY, _AMPLITUDE} <= details.keys():
-        gait = f"{details[_FREQUENCY]:g} Hz, {math.degrees(details[_AMPLITUDE]):.4g}° either way"
+        gait = describe_gait(gait_from_parameters(details))
         lines.append(f"{gait}; swims of {details[_DURATION]:g} s" if _DURATION in details else gait)
     return "\n".join(filter(None, lines))
 

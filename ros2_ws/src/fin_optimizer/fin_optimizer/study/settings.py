@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, cast
 from optuna.study import StudyDirection
 
 from fin_optimizer.checksums import CHECK_SUM, check_sum
+from fin_optimizer.gait_parameters import gait_from_parameters
 from fin_optimizer.search.names import HEIGHTS, height_place
 from fin_optimizer.search.rules import Rules
 from fin_optimizer.search.space import Choice, Space, dimension_from, written
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from fin_optimizer.search.space import AnyDimension
-    from fin_plant.parameters import Value
+    from fin_plant.parameters import Parameter, Value
 
 FORMAT = 2
 """1 was before spaces came from files; a study without one is still written so that older versions read it."""
@@ -179,7 +180,7 @@ def sent_parameters(details: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _rules(content: Mapping[str, Any], details: Mapping[str, Any]) -> Rules:
-    return Rules.from_written(content, len(details[HEIGHTS]))
+    return Rules.from_written(content, len(details[HEIGHTS]), len(gait_from_parameters(details).joints))
 
 
 def _in_words(dimension: AnyDimension) -> tuple[str, str]:
@@ -195,16 +196,20 @@ def _in_words(dimension: AnyDimension) -> tuple[str, str]:
     return f"range of {dimension.name}", ", ".join([said, *(kind for kind, holds in kinds.items() if holds)])
 
 
+def _tables() -> dict[str, Parameter]:
+    return {**node_table("fin_sim", "simulator"), **node_table("fin_optimizer", "optimizer")}
+
+
 @cache
 def _earlier() -> dict[str, Value]:
-    """Return what fins and fish had for parameters that came later or have another default since."""
-    table = node_table("fin_sim", "simulator")
+    """Return what fins, fish and gaits had for parameters that came later or have another default since."""
+    table = _tables()
     return {name: entry.earlier for name, entry in table.items() if entry.earlier is not None}
 
 
 def begun_by_default(there: Mapping[str, object]) -> dict[str, Value]:
     """Return what a study has, by its settings or its fish, that was the default when it was begun and is not now."""
-    table = node_table("fin_sim", "simulator")
+    table = _tables()
     return {n: value for n, value in _earlier().items() if there.get(n) == value != table[n].default}
 
 

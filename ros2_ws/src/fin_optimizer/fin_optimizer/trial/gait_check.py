@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
-from fin_plant.gait import COLUMNS
+from fin_plant.gait import COLUMNS, counted
 from fin_plant.plant_state import LIMITS
 
 if TYPE_CHECKING:
@@ -23,16 +24,32 @@ def other_gait(applied: Gait, asked: Gait) -> str:
 
 
 def cut_gait(state: PlantState | None, asked: Gait) -> str:
-    """Return what the limits that a plant has told would make of the gait, or an empty text."""
-    details = state.details if state is not None else {}
-    if not set(LIMITS) <= set(details):
+    """Return why a plant, by what it has told of its tail, would not swim the gait as it is, and what to do; or ""."""
+    if state is None:
         return ""
-    sweep, frequency = (float(details[name]) for name in LIMITS)
-    cut = asked.limited(sweep, frequency)
+    joints = len(asked.joints)
+    if state.driven_joints not in {0, joints}:
+        return (
+            f"the study's gait has {counted(joints)}, the plant {state.driven_joints}: give as many in gait.*, or the "
+            f"plant {joints} (a robot by its robot_file, a simulated fish by one link less in peduncle.length)"
+        )
+    if not set(LIMITS) <= set(state.details):
+        return ""
+    sweep, frequency = (float(state.details[name]) for name in LIMITS)
+    cut = asked.limited(sweep, frequency, state.joint_limits)
     if cut.same_as(asked, _ROUNDING):
         return ""
     limits = f"limits.sweep = {sweep:g} rad, limits.frequency = {frequency:g} Hz"
-    return f"the plant's limits ({limits}) would cut the gait: {_differences(asked, cut)}"
+    own = [
+        f"joint {number} by itself {each.sweep:.4g} rad"
+        + (f" and {each.rate:.4g} rad/s" if each.rate < math.inf else "")
+        for number, each in enumerate(state.joint_limits, start=1)
+        if cut.joints[number - 1] != asked.joints[number - 1]
+    ]
+    return (
+        f"the plant's limits ({'; '.join([limits, *own])}) would cut the gait: {_differences(asked, cut)}. Ask for a "
+        "gait within them, or change them"
+    )
 
 
 def _differences(asked: Gait, swum: Gait) -> str:

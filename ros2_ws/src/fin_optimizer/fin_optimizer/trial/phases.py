@@ -333,6 +333,7 @@ PHASES: tuple[Phase, ...] = (
         patience="plant",
         missing=_fin_not_ready,
         rules=ONE_PLANT | NO_FAULT | SAME_PLANT,
+        looks_up=frozenset({"cut_gait"}),  # of a driver that is configured only now
     ),
     Phase(
         "reset",
@@ -349,7 +350,7 @@ PHASES: tuple[Phase, ...] = (
         patience="plant",
         missing=_not_at_start,
         rules=ONE_PLANT | NO_FAULT | SAME_PLANT,
-        looks_up=frozenset({"tail_angle"}),
+        looks_up=frozenset({"tail_angle", "cut_gait"}),
     ),
     Phase(
         "open the bag",

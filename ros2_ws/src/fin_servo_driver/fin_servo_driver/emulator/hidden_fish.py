@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fin_plant import checks
+from fin_plant.gait import counted
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
 from fin_sim.swim import SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from fin_plant.fin import Fin
+    from fin_plant.parameters import Value
 
 SAMPLE_TIME = 0.01
 _STEP = 1e-3
@@ -83,13 +86,22 @@ class Servo:
 class HiddenFish:
     """The fish in its tank."""
 
-    def __init__(self, fin: Fin, joints: int, deviation: Deviation) -> None:
+    def __init__(
+        self, fin: Fin, joints: int, deviation: Deviation, peduncle: Mapping[str, Value] = MappingProxyType({})
+    ) -> None:
         """Put the fish at the origin, at rest.
 
+        Args:
+            fin: On its tail.
+            joints: Of the robot, each with a servo or its relays.
+            deviation: From the simulator's fish.
+            peduncle: The simulator's ``peduncle.*``: driven links between body and fin; empty for none.
+
         Raises:
-            ValueError: A fin that cannot be, or another number of joints than the model has servos.
+            ValueError: A fin or a peduncle that cannot be, or another number of joints than the fish has.
         """
         self._deviation = deviation
+        self._peduncle = dict(peduncle)
         self._servo = Servo(joints, deviation.servo_lag)
         self.mount(fin)
 
@@ -99,7 +111,7 @@ class HiddenFish:
         Raises:
             ValueError: A fin that cannot be.
         """
-        values = SIMULATOR_PARAMETERS.checked({})
+        values = SIMULATOR_PARAMETERS.checked(self._peduncle)
         fish = Fish.from_parameters(values)
         body = replace(
             fish.body,
@@ -110,7 +122,11 @@ class HiddenFish:
         softer = replace(fin, young_modulus=fin.young_modulus * self._deviation.stiffness)
         chain = build_chain(replace(fish, body=body), softer)
         if sum(chain.driven) != len(self._servo.angle):
-            msg = f"the robot file has {len(self._servo.angle)} joints, the hidden fish has {sum(chain.driven)}"
+            joints = len(self._servo.angle)
+            msg = (
+                f"the robot file has {counted(joints)}, the hidden fish {sum(chain.driven)}: "
+                f"give peduncle.length and the other peduncle.* {joints - 1} values, one link a joint but the fin's"
+            )
             raise ValueError(msg)
         self._stepper = dynamics.Stepper(chain, _STEP, round(SAMPLE_TIME / _STEP))
         self.put_at_origin()
