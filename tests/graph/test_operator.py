@@ -134,7 +134,7 @@ def client(ros_domain: int) -> Iterator[RobotClient]:
 
 def test_a_person_leads_the_robot_from_its_start_to_a_stopped_swim(terminal: Terminal, client: RobotClient) -> None:
     terminal.confirm("Press Enter to open the port")
-    terminal.wait_for("Mount this fin", "material E = 1.2 GPa", "length 80.0 mm", "thickness 0.208 mm")
+    terminal.wait_for("Mount this fin", "material E = 2 GPa", "length 80.0 mm", "thickness 0.208 mm")
     terminal.press("x")
     terminal.wait_for("'x' does nothing; there is [Enter] do it")
     terminal.press("\x1b[3~")  # the key Delete
