@@ -36,7 +36,10 @@ PEDUNCLE = (
     "peduncle.tip_height:=[0.042,0.035]",
     "peduncle.mass_per_area:=[20.0,20.0]",
 )
-FIN = ("fin.length:=0.07", "fin.height:=0.035", "fin.tip_height:=0.045", "fin.thickness:=3.0e-4")
+FIN = (
+    *("fin.length:=0.07", "fin.height:=0.035", "fin.tip_height:=0.045", "fin.thickness:=3.0e-4"),
+    *("fin.segments:=3", "fin.hinges:=between"),
+)
 TURNING = (
     "gait.frequency:=1.2",
     "gait.joints.amplitude:=[0.07,0.14,0.2]",

@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import yaml
 
+from fin_bringup import study_nodes
+from fin_bringup.bringup import parse
 from fin_optimizer.gait_parameters import beat_of, describe_gait, gait_from_parameters
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
@@ -201,3 +204,53 @@ def test_the_parameter_file_of_three_joints_is_accepted_by_each_of_its_nodes() -
     assert {name: value for name, value in given["rehearsal"].items() if name.startswith("peduncle.")} == peduncle
     gait = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given["optimizer"])).gait
     assert len(gait.joints) == len(peduncle["peduncle.length"]) + 1 == 3
+
+
+def test_the_documented_line_and_file_of_three_joints_are_a_study_of_three_joints() -> None:
+    page = (SOURCE / "docs/trials.md").read_text(encoding="utf-8")
+    chapter = page[page.index("## Several driven joints, and turning") :]
+    line = chapter[chapter.index("./run fin_optimizer bringup ") :].partition("```")[0].replace("\\\n", " ")
+    given = parse(line.split()[3:])
+    for plant in ({}, {"plant": "rehearsal", "robot_file": "three_servos"}):
+        specs = study_nodes.nodes(given | plant)
+        study_nodes.check_tails(specs)
+        values = OPTIMIZER_PARAMETERS.checked(specs[-1].parameters)
+        assert StudyPlan.from_parameters(values).gait.same_as(sub_carangiform(0.2, 1.2, 3), 1e-15)
+    shown = chapter[chapter.index("/**/optimizer:") :].partition("```")[0]
+    names = [text.partition(":")[0].strip() for text in shown.splitlines()[2:]]
+    file: Any = yaml_file.read(SOURCE / "ros2_ws/src/fin_bringup/config/three_joints.yaml")
+    told = yaml.safe_load(shown)["/**/optimizer"]["ros__parameters"]
+    assert len(names) == 4
+    assert told == {name: file["/**/optimizer"]["ros__parameters"][name] for name in names}
+
+
+def test_lag_bias_and_numbers_of_each_of_three_joints_are_searched(tmp_path: Path) -> None:
+    file = tmp_path / "my_space.yaml"
+    file.write_text(
+        "search:\n"
+        "  gait.lag: {minimum: 20 deg, maximum: 90 deg}\n"
+        "  gait.bias: {minimum: -0.1, maximum: 0.1}\n"
+        "  gait.joint_2.amplitude: {minimum: 0.05, maximum: 0.15}\n"
+        "  gait.joint_3.bias: {minimum: 0.0, maximum: 0.05}\n"
+    )
+    start = {"gait.preset": "sub_carangiform", "gait.driven_joints": 3, "gait.amplitude": 0.1, "gait.frequency": 1.2}
+    given = {"space": str(file), "study_folder": str(tmp_path / "study"), **start}
+    with pytest.raises(ValueError, match=r"gait.bias is searched twice, for the whole tail and as gait.joint_3.bias"):
+        StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given))
+    file.write_text(
+        file.read_text()
+        .replace("gait.joint_3.bias", "gait.joint_3.frequency")
+        .replace("0.0, ", "0.5, ")
+        .replace("0.05}", "1.5}")
+    )
+    plan = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given))
+    values = {"gait.lag": 0.5, "gait.bias": -0.05, "gait.joint_2.amplitude": 0.12, "gait.joint_3.frequency": 0.6}
+    swum = Gait(
+        (JointDrive(0.03, 1.2, 0.0, -0.05), JointDrive(0.12, 1.2, -0.5, -0.05), JointDrive(0.1, 0.6, -1.0, -0.05))
+    )
+    assert plan.gait_of(values).same_as(swum, 1e-12)
+    read = Settings.from_json(plan.settings.to_json())
+    assert read.differences(plan.settings) == []
+    file.write_text("search: {gait.joint_4.amplitude: {minimum: 0.05, maximum: 0.15}}\n")
+    with pytest.raises(ValueError, match=r"gait.joint_4.amplitude is not a parameter that can be searched"):
+        StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given))
