@@ -51,6 +51,13 @@ EQUIVALENT = {
         "predict: False -> True": "what is not finite was refused before: to look again only takes its time",
         "predict_with_slope: False -> True": "what is not finite was refused before: to look again only takes its time",
     },
+    "search/nsga2": {
+        "spread: drawn * alpha <= 1.0 -> drawn * alpha < 1.0": "both formulas give 1 there",
+    },
+    "search/quasi_random": {
+        "propose: 1 -> 2": "points are made in blocks: one more than wanted changes none",
+        "_make: 0 -> 1": "of what was refused: blocks are counted, one point more is none; the sequence's has a test",
+    },
     "search/pareto": {
         "ranks: _plane_ranks(objectives) if objectives.shape[1] == _PLANE else _general_ranks(objectives) -> "
         "_general_ranks(objectives)": "both find the same fronts, the one in less time",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import pickle
 from typing import TYPE_CHECKING
 
 import numpy as np
 import optuna
 import pytest
+from scipy.stats import qmc
 
 from fin_optimizer.search import quasi_random, tpe
 from fin_optimizer.search.distributions import distributions
@@ -47,6 +49,13 @@ def test_quasi_random_candidates_leave_no_gap() -> None:
     assert {entry.values["c"] for entry in one_after_another} == {"p", "q", "r"}
 
 
+def test_the_points_are_those_of_scipys_sequence_and_no_copy_carries_them() -> None:
+    search = QuasiRandom(PLANE, 5)
+    points = qmc.Sobol(2, rng=generator(5, 0)).random(4)
+    assert [entry.values["x"] for entry in spread(search, 4)] == points[:, 0].tolist()
+    assert pickle.dumps(search) == pickle.dumps(QuasiRandom(PLANE, 5))
+
+
 def test_a_point_asked_for_at_once_is_the_one_reached_step_by_step() -> None:
     history = spread(QuasiRandom(PLANE, 5), 200)
     for number in (199, 130, 64, 63, 0):
@@ -63,8 +72,9 @@ def test_what_the_space_refuses_is_left_out_of_the_sequence() -> None:
 
 def test_a_space_that_refuses_everything_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(quasi_random, "_MOST_REFUSED", 128)
-    nothing = Space(PLANE.dimensions, lambda values: f"x = {values['x']:.1f} is not enough")
-    with pytest.raises(ValueError, match=r"none of 128 candidates spread .* can be; the last one: x = 0\.\d is not"):
+    nothing = Space(PLANE.dimensions, lambda values: f"x = {values['x']!r} is not enough")
+    last = spread(QuasiRandom(PLANE, 5), 128)[-1].values["x"]
+    with pytest.raises(ValueError, match=f"none of 128 candidates spread .* can be; the last one: x = {last!r} is not"):
         QuasiRandom(nothing, 5).propose([])
     asked: list[int] = []
 
@@ -96,7 +106,7 @@ def by_optuna(history: list[Evaluation], seed: int, *, with_cost: bool) -> dict[
 
 
 @pytest.mark.parametrize("with_cost", [False, True])
-@pytest.mark.parametrize("count", [9, 10, 30])
+@pytest.mark.parametrize("count", [9, 10, 11, 30])
 def test_a_candidate_is_the_one_that_optuna_proposes_after_the_same_trials(count: int, with_cost: bool) -> None:
     search = Tpe(MIXED, 7, with_cost=with_cost)
     history = []
@@ -118,6 +128,14 @@ def test_a_candidate_without_a_cost_counts_as_one_without_a_score_where_both_are
     unscored = [Evaluation(entry.values, None) for entry in history]
     assert Tpe(MIXED, 7, with_cost=True).propose(history) == Tpe(MIXED, 7, with_cost=True).propose(unscored)
     assert Tpe(MIXED, 7).propose(history) != Tpe(MIXED, 7).propose(unscored)
+
+
+def test_a_copy_has_the_same_objectives() -> None:
+    history = [Evaluation(e.values, float(e.values["x"]), 1.0) for e in spread(QuasiRandom(MIXED, 3), 12)]
+    both = Tpe(MIXED, 7, with_cost=True)
+    copied = pickle.loads(pickle.dumps(both))  # noqa: S301  (our own)
+    assert copied == both
+    assert copied.propose(history) == both.propose(history) != Tpe(MIXED, 7).propose(history)
 
 
 def test_a_trial_is_made_anew_only_for_what_is_new(monkeypatch: pytest.MonkeyPatch) -> None:
