@@ -44,9 +44,9 @@ TURNING = (
     "gait.frequency:=1.2",
     "gait.joints.amplitude:=[0.07,0.14,0.2]",
     "gait.joints.phase:=[0,-0.9,-1.8]",
-    "gait.joints.bias:=[0.0,0.0,0.05]",
+    "gait.joints.bias:=[0.05,0.04,0.05]",
 )
-ASKED = Gait((JointDrive(0.07, 1.2), JointDrive(0.14, 1.2, -0.9), JointDrive(0.2, 1.2, -1.8, 0.05)))
+ASKED = Gait.from_rows([[0.07, 1.2, 0.0, 0.05], [0.14, 1.2, -0.9, 0.04], [0.2, 1.2, -1.8, 0.05]])
 
 
 def bag_of(study: Path) -> Path:
@@ -88,7 +88,7 @@ def test_three_driven_joints_and_a_passive_fin_swim_a_study_and_go_on_with_it(st
     details = json.loads((study / "study.json").read_text())["details"]
     assert gait_from_parameters(details).same_as(ASKED)
     headings = [message.pose.orientation.z for _, message in read_bag(bag_of(study)).decoded("pose")]
-    assert headings[-1] < -0.02, "it turns to the side of its bias, the right"
+    assert np.mean(headings[len(headings) // 2 :]) < -0.03, "it turns to the side of its bias, the right"
     assert (study / "study.png").exists() or list(study.glob("*.png"))
     other = start("fin_optimizer", "bringup", "trials:=2", *words[:-1], f"study_folder:={study}", "gait.lag:=0.5")
     assert other.wait(60.0) != 0

@@ -237,12 +237,8 @@ def test_lag_bias_and_numbers_of_each_of_three_joints_are_searched(tmp_path: Pat
     given = {"space": str(file), "study_folder": str(tmp_path / "study"), **start}
     with pytest.raises(ValueError, match=r"gait.bias is searched twice, for the whole tail and as gait.joint_3.bias"):
         StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given))
-    file.write_text(
-        file.read_text()
-        .replace("gait.joint_3.bias", "gait.joint_3.frequency")
-        .replace("0.0, ", "0.5, ")
-        .replace("0.05}", "1.5}")
-    )
+    text = file.read_text().replace("gait.joint_3.bias: {minimum: 0.0, maximum: 0.05}", "gait.joint_3.frequency: ")
+    file.write_text(f"{text.rstrip()} {{minimum: 0.5, maximum: 1.5}}\n")
     plan = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given))
     values = {"gait.lag": 0.5, "gait.bias": -0.05, "gait.joint_2.amplitude": 0.12, "gait.joint_3.frequency": 0.6}
     swum = Gait(
