@@ -228,7 +228,7 @@ def test_default_fins_are_right_without_a_second_swim() -> None:
     fins = [Fin(young_modulus=modulus) for modulus in (0.5e9, 2e9, 4e9)]
     task = checked_task(DEFAULT_FISH, PAPER_GAIT, 10.0, "distributed", "free", 0.0, 0.5, 0.0, None, "double")
     assert proven_fins(task, fin_columns(fins)).all()
-    held = checked_task(DEFAULT_FISH, PAPER_GAIT, 10.0, "tip", "fixed", 0.0, 0.5, 0.0, None, "double")
+    held = checked_task(DEFAULT_FISH, PAPER_GAIT, 10.0, "distributed", "fixed", 0.0, 0.5, 0.0, None, "double")
     assert not proven_fins(held, fin_columns(fins)).any()
     swum = swim_batch(fins)
     for index, fin in enumerate(fins):

@@ -35,7 +35,7 @@ _BEATS, _RAMP_BEATS, _STEP_BEATS = 7.9, 0.44, 1.0 / 55.0
 _ELLIPSOID = Fish(Body.ellipsoid(0.14, 0.045, 0.06, drag_area=3.65e-3, lift_area=0.05, yaw_drag=4e-4))
 _ELLIPSOID_DRAG_AREA = (1.2e-3, 3.65e-3)  # m^2
 _DAMPING_BEATS, _FREQUENCY_RATIO, _SEGMENTS, _MASS_RATIO = 0.0085, 0.15, 6, 0.05
-_SEGMENTS_HELD_TIP = 4  # of six some are off by several tolerances where the force is at the tip of a held fish
+_SEGMENTS_HELD = 4  # of six some are off by several tolerances over a window of a beat, on a held fish
 
 # A box without added mass and lift in water without resistive force, as an engine for rigid bodies swims it (presets of
 # 2012), and fins in three segments, 0.3 mm thick, with a damper of their own in each hinge.
@@ -106,7 +106,7 @@ def _sheets(task: Task, fins: Columns) -> NDArray[np.bool_]:
         fins[name].astype(float) for name in ("length", "height", "tip_height", "thickness", "density", "damping_time")
     )
     segments = fins["segments"].astype(float)
-    most = _SEGMENTS_HELD_TIP if (task.reactive, task.clamp) == ("tip", "fixed") else _SEGMENTS
+    most = _SEGMENTS_HELD if task.clamp == "fixed" else _SEGMENTS
     virtual = 0.25 * np.pi * task.fish.water.density
     # A hinge's own frequency with the water of a fin that is as high as its highest end over the beat's.
     with np.errstate(all="ignore"):  # a fin that is refused may be of any size
