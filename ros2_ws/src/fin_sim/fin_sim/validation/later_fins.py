@@ -27,7 +27,7 @@ from fin_sim.validation.measured_fins import FISH, PLATE_DRAG, correlation
 from fin_sim.validation.page import Section, table_head
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -222,16 +222,15 @@ def swim(of: LaterFin, fin: Fin, fish: Fish) -> tuple[float, float]:
     return float(np.hypot(*way) / (last * stepper.sample_time)), float(torque)
 
 
-def section(data: Path) -> Section:
-    """Return the part on the later fins."""
-    fins = read_fins(data / "later_fins.csv")
-    printed = [fin for fin in fins if fin.frequency]
-    fish = small_fish()
+_AS_MEASURED = f"composites as measured, {1e-6 * COMPOSITE:g} MPa"
+
+
+def _readings(fish: Fish) -> dict[str, tuple[Callable[[LaterFin], Fin], Fish]]:
+    """Return what the fins and their fish may have been, by name: the fin that each makes, and the fish."""
     plates = replace(fish, water=replace(fish.water, oscillating_drag=PLATE_DRAG))
     draggy = replace(fish, body=replace(fish.body, drag_area=2.0 * fish.body.drag_area))
-    composite = f"composites as measured, {1e-6 * COMPOSITE:g} MPa"
-    rows = {
-        composite: (as_composite, fish),
+    return {
+        _AS_MEASURED: (as_composite, fish),
         "the same, C_N by amplitude": (as_composite, plates),
         "the same, twice the drag area": (as_composite, draggy),
         f"the same, by a motor of {1e6 * TORQUE:g} uN m that overshoots": (as_composite, replace(fish, motor=_MOTOR)),
@@ -240,12 +239,19 @@ def section(data: Path) -> Section:
         "sheet of the printed K, l the fin's length": (as_sheet, fish),
         "ten segments of the printed K": (as_chain, fish),
     }
-    swum = {name: [swim(of, make(of), where) for of in printed] for name, (make, where) in rows.items()}
+
+
+def section(data: Path) -> Section:
+    """Return the part on the later fins."""
+    fins = read_fins(data / "later_fins.csv")
+    printed = [fin for fin in fins if fin.frequency]
+    fish = small_fish()
+    swum = {name: [swim(of, make(of), where) for of in printed] for name, (make, where) in _readings(fish).items()}
     table = [_row(name, [speed for speed, _ in pairs], printed) for name, pairs in swum.items()]
     theirs = _row("*published simulation*", [fin.published for fin in printed], printed)
     moduli = [1e-6 * as_sheet(of).young_modulus for of in printed]
-    ratios = [speed / of.measured for (speed, _), of in zip(swum[composite], printed, strict=True)]
-    torques = [1e6 * torque for _, torque in swum[composite]]
+    ratios = [speed / of.measured for (speed, _), of in zip(swum[_AS_MEASURED], printed, strict=True)]
+    torques = [1e6 * torque for _, torque in swum[_AS_MEASURED]]
     before = [fin for fin in fins if not fin.frequency]
     rho, tau = correlation(*(np.array([getattr(fin, name) for fin in before]) for name in ("measured", "published")))
     body = fish.body

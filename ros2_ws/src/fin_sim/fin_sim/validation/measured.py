@@ -321,6 +321,39 @@ bias offset: one constant offset does not explain it. Lift and yaw damping trade
 numbers carry whatever the assumed geometry has wrong."""
 
 
+def _data(swims: list[Measured], repeats: list[Measured], noise: Noise) -> str:
+    """Return the paragraphs on what was measured, in which time, and how well it repeats."""
+    straight = float(np.mean([swim.frequency for swim in swims if not swim.bias]))
+    biased = [swim.frequency for swim in swims if swim.bias]
+    return f"""{len(swims)} measured swims of a robotic fish with one servo and a rigid tail
+(`tests/data/tail_actuated_fish_swims`). The times published with the swims are wrong: they count 30 pictures a second,
+and by the clock in the control logs of the same runs a picture came every 65 to 85 ms in a run's mean. Here all is in
+true time, 2.01 to 2.55 times the published. In it a harmonic fitted to each swim's yaw rate beats at
+{straight:.2f} Hz without bias and at {min(biased):.2f} to {max(biased):.2f} Hz with it, near
+the published 1 Hz; each swim is computed at its own frequency.
+Compared are the means over each swim's second half, started at the measured speed, since many are still accelerating.
+
+**Noise.** Of {len(repeats)} repeats {noise.lost} lost the fish on the way (they swim backwards at more than
+{-100.0 * LOST_SPEED:.0f} cm/s at some time) and are dropped; the other {noise.pairs}
+(`tests/data/tail_actuated_fish_third_runs`) give a noise of one swim of {100.0 * noise.speed:.2f} cm/s and
+{noise.turning_rate:.4f} rad/s. That repeats start at different speeds is in it."""
+
+
+def _check(name: str, error: float, mean: float, noise: float) -> Check:
+    return Check(name, error / mean, 0.2, f"{error / noise:.1f} times the noise of one swim")
+
+
+def _refitted(training: list[Measured], others: list[Measured]) -> str:
+    """Return the rows of what is fitted to ``training`` with other assumptions, and how well it predicts ``others``."""
+    rows = []
+    for name, assumed in _OTHER_ASSUMPTIONS.items():
+        refit = identify(training, assumed)
+        areas = " | ".join(f"{number:.2g}" for number in np.exp(refit[:3]))
+        speed, turn = _errors(refit, others, assumed)
+        rows.append(f"| {name} | {areas} | {100.0 * speed:.2f} | {turn:.3f} |")
+    return "\n".join(rows)
+
+
 def section(data: Path, figures: Path) -> Section:
     """Return the part on measured swims and draw its picture."""
     swims = read_swims(data / "tail_actuated_fish_swims")
@@ -340,47 +373,12 @@ def section(data: Path, figures: Path) -> Section:
     bound = f" At the bound of what it was allowed: {', '.join(atbound)}." if atbound else ""
     fit, unfitted = _errors(numbers, training), _errors(np.array(_START), others)
     speed, turn = _errors(numbers, others)
-    refits = []
-    for name, assumed in _OTHER_ASSUMPTIONS.items():
-        refit = identify(training, assumed)
-        areas = " | ".join(f"{number:.2g}" for number in np.exp(refit[:3]))
-        error = _errors(refit, others, assumed)
-        refits.append(f"| {name} | {areas} | {100.0 * error[0]:.2f} | {error[1]:.3f} |")
-
     mean_speed = float(np.mean([swim.means.speed for swim in others]))
     mean_turn = float(np.mean([abs(swim.means.turning_rate) for swim in others if swim.bias]))
-    straight = float(np.mean([swim.frequency for swim in swims if not swim.bias]))
-    biased = [swim.frequency for swim in swims if swim.bias]
     amplitudes = " and ".join(f"{amplitude}" for amplitude in sorted({swim.amplitude for swim in others}))
     largest_bias = max(abs(swim.bias) for swim in training)
-    checks = [
-        Check(
-            f"{len(others)} predicted swims: speed, root mean square error over the mean",
-            speed / mean_speed,
-            0.2,
-            f"{speed / noise.speed:.1f} times the noise of one swim",
-        ),
-        Check(
-            f"{len(others)} predicted swims: turning rate, the same",
-            turn / mean_turn,
-            0.2,
-            f"{turn / noise.turning_rate:.1f} times the noise of one swim",
-        ),
-    ]
     text = f"""
-{len(swims)} measured swims of a robotic fish with one servo and a rigid tail
-(`tests/data/tail_actuated_fish_swims`). The times published with the swims are wrong: they count 30 pictures a second,
-and by the clock in the control logs of the same runs a picture came every 65 to 85 ms in a run's mean. Here all is in
-true time, 2.01
-to 2.55 times the published. In it a harmonic fitted to each swim's yaw rate beats at {straight:.2f} Hz without bias and
-at {min(biased):.2f} to {max(biased):.2f} Hz with it, near the published 1 Hz; each swim is computed at its own
-frequency.
-Compared are the means over each swim's second half, started at the measured speed, since many are still accelerating.
-
-**Noise.** Of {len(repeats)} repeats {noise.lost} lost the fish on the way (they swim backwards at more than
-{-100.0 * LOST_SPEED:.0f} cm/s at some time) and are dropped; the other {noise.pairs}
-(`tests/data/tail_actuated_fish_third_runs`) give a noise of one swim of {100.0 * noise.speed:.2f} cm/s and
-{noise.turning_rate:.4f} rad/s. That repeats start at different speeds is in it.
+{_data(swims, repeats, noise)}
 
 **Assumed.** Body (0.725 kg, added masses 0.217 and 0.789 kg, inertias 2.66e-3 and 7.93e-4 kg m^2,
 joint at 10.5 cm) and tail (7.1 by 4.0 cm) are those that Wang & Tan (IEEE Transactions on Robotics 31, 2015, 906) give
@@ -403,10 +401,19 @@ swims are short and the thrust is not measured. Fitted again with other assumpti
 
 | assumed instead | S C_D, m^2 | S C_L, m^2/rad | K_D, N m s^2 | predicted: error, cm/s | error, rad/s |
 |---|---|---|---|---|---|
-{chr(10).join(refits)}
+{_refitted(training, others)}
 
 {_compared(swims, computed)}"""
     caption = (
         "Computed over measured means of the second half; the grey line is agreement, the band the noise of one swim."
     )
+    checks = [
+        _check(
+            f"{len(others)} predicted swims: speed, root mean square error over the mean",
+            speed,
+            mean_speed,
+            noise.speed,
+        ),
+        _check(f"{len(others)} predicted swims: turning rate, the same", turn, mean_turn, noise.turning_rate),
+    ]
     return Section("Measured swims", checks, text, FIGURE, caption)

@@ -205,6 +205,21 @@ class Swum:
         return float(good / rows.shape[1] ** len(order))
 
 
+def _draw_published(axes: Axes) -> None:
+    for name, marker in (("model", "o"), ("simulation", "s")):
+        theirs, points = preset(f"clark2012_{name}").fin, published(_CURVES)[name]
+        stiffness = [replace(theirs, young_modulus=one).hinge_stiffness(0.5 * theirs.length) for one in points.modulus]
+        axes.plot(
+            1e3 * np.array(stiffness),
+            100.0 * points.speed,
+            marker,
+            color=PATH_COLOUR,
+            mfc="none",
+            ms=4,
+            label=f"Clark et al. 2012, {name}: fins of 0.30 mm",
+        )
+
+
 def draw_over_stiffness(axes: Axes, fins: Sequence[PrintedFin], found: Sequence[Reading]) -> None:
     """Draw measured speeds over hinge stiffness, a bar for each maker's range, below the simulated curves.
 
@@ -247,18 +262,7 @@ def draw_over_stiffness(axes: Axes, fins: Sequence[PrintedFin], found: Sequence[
             fontsize="x-small",
             color=TAIL_COLOUR,
         )
-    for name, marker in (("model", "o"), ("simulation", "s")):
-        theirs, points = preset(f"clark2012_{name}").fin, published(_CURVES)[name]
-        stiffness = [replace(theirs, young_modulus=one).hinge_stiffness(0.5 * theirs.length) for one in points.modulus]
-        axes.plot(
-            1e3 * np.array(stiffness),
-            100.0 * points.speed,
-            marker,
-            color=PATH_COLOUR,
-            mfc="none",
-            ms=4,
-            label=f"Clark et al. 2012, {name}: fins of 0.30 mm",
-        )
+    _draw_published(axes)
     axes.set(
         xlabel="hinge stiffness K = E d h$^3$ / 12 l of a fin cut in three, mN m/rad",
         ylabel="speed, cm/s",
