@@ -92,4 +92,4 @@ def test_a_dump_of_each_node_starts_it_again_with_the_same_values(
             assert all("read-only" in reason for reason in refused), refused
             assert client.dump(tmp_path / f"{name}_loaded.yaml") == first[name]
     with_empty_lists = {name for name, values in first.items() if [] in values.values()}
-    assert with_empty_lists == {"simulator", "servo_driver", "optimizer"}
+    assert with_empty_lists == {"simulator", "servo_driver", "rehearsal", "optimizer"}
