@@ -74,8 +74,8 @@ def _plain() -> dict[str, float]:
 
 
 def figures(said: str) -> dict[str, float]:
-    """Return the figures of a swim without their units."""
-    return {name: value for name, value in json.loads(said).items() if name != "units"}
+    """Return the figures of a swim without their units; an ideal servo has no electrical power, which is left out."""
+    return {name: value for name, value in json.loads(said).items() if name != "units" and value is not None}
 
 
 # Without them compiled code, Python's or the swim's, and the list of fonts must be made anew: up to a minute.
