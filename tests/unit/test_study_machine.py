@@ -120,6 +120,7 @@ class Studies(RuleBasedStateMachine):
             self.values[candidate],
             statistics.fmean(swim.score or 0.0 for swim in good) if good else None,
             statistics.fmean(costs) if costs else None,
+            pending=not good and not self.is_settled(candidate),
         )
 
     def expected(self, plant: str) -> tuple[int, Values] | None:
