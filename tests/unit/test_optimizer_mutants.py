@@ -20,6 +20,7 @@ TESTS = {
     "search/one_by_one": ["test_one_by_one.py"],
     "search/genetic": ["test_genetic.py", "test_space.py"],
     "search/algorithms": ["test_searches.py"],
+    "search/distributions": ["test_space.py"],
     "search/features": ["test_gp.py::TestFeatures"],
     "search/gaussian_process": ["test_gaussian_process.py"],
     "search/gp": ["test_gp.py", "test_searches.py"],
