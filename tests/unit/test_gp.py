@@ -185,9 +185,14 @@ class TestFeatures:
         assert features.alternatives(1, 2.0, 2).tolist() == [0.0, 1.0, 2.0]
         assert features.alternatives(2, 0.07, 4).tolist() == [0.06, 0.065, 0.07, 0.075]
         assert features.alternatives(2, 0.07, 50).tolist() == [round(0.04 + 0.005 * i, 3) for i in range(21)]
+        assert features.alternatives(2, 0.14, 25).tolist() == features.alternatives(2, 0.07, 50).tolist()
         assert features.alternatives(4, 1.0, 4).tolist() == [1.0, 2.0, 3.0, 4.0]
         assert features.alternatives(4, 999.0, 4).tolist() == [997.0, 998.0, 999.0, 1000.0]
         assert features.alternatives(4, 1000.0, 4).tolist() == [997.0, 998.0, 999.0, 1000.0]
+
+    def test_a_number_among_names_is_one_of_the_names(self) -> None:
+        features = Features(Space((Choice("a", ("thin", 2.0)),)))
+        assert features.of(np.array([[1.0]]))[0] == pytest.approx([0.0, np.sqrt(0.5)])
 
     def test_truth_values_are_no_numbers(self) -> None:
         features = Features(Space((Choice("a", (False, True)), Choice("b", (2.0, 6.0, 3.0)))))

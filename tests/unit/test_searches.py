@@ -175,6 +175,24 @@ def test_a_seed_that_cannot_be_is_refused(name: str) -> None:
         search(name, Space(NUMBERS), -1, STEPS)
 
 
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("hill_climber", "HillClimber"),
+        ("genetic", "GeneticAlgorithm"),
+        ("cma_es", "CmaEs"),
+        ("tpe", "Tpe"),
+        ("gp", "GpSearch"),
+        ("nsga2", "Nsga2"),
+        ("random", "RandomSearch"),
+        ("quasi_random", "QuasiRandom"),
+    ],
+)
+def test_each_name_is_its_own_search(name: str, kind: str) -> None:
+    made = search(name, Space(NUMBERS), 1, STEPS)
+    assert type(getattr(made, "search", made)).__name__ == kind
+
+
 def test_a_study_may_name_every_search() -> None:
     assert list(OPTIMIZER_PARAMETERS["search.algorithm"].choices) == list(ALGORITHMS)
 
