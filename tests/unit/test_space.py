@@ -97,6 +97,31 @@ def test_the_ends_of_a_grid_are_drawn_as_often_as_what_lies_between() -> None:
     assert all(abs(drawn.count(value) - 1000) < 130 for value in (1, 2, 3))
 
 
+def test_every_choice_is_drawn_as_often() -> None:
+    drawn = [uniform(Space((Choice("stock", ("a", "b", "c")),)), generator(2, n))["stock"] for n in range(3000)]
+    assert all(abs(drawn.count(value) - 1000) < 130 for value in "abc")
+
+
+def test_a_grid_from_nothing_on_has_short_numbers_too() -> None:
+    grid = Dimension("fin.length", 0.0, 0.3, "m", step=0.1)
+    drawn = {uniform(Space((grid,)), generator(1, n))["fin.length"] for n in range(100)}
+    assert sorted(drawn) == [0.0, 0.1, 0.2, 0.3]
+
+
+def test_choices_of_a_list_are_those_of_a_tuple() -> None:
+    assert Choice("stock", ["a", "b"]) == Choice("stock", ("a", "b"))  # type: ignore[arg-type]  # as from a file
+
+
+def test_a_range_that_ends_at_nothing_is_written_with_its_end() -> None:
+    below = Dimension("gait.bias", -0.1, 0.0, "rad")
+    assert dimension_from(written(below)) == below
+
+
+def test_whole_numbers_that_no_float_holds_are_refused() -> None:
+    with pytest.raises(ValueError, match="maximum of x"):
+        Dimension("x", 1.0, 2.0**53 + 2.0, whole=True)
+
+
 def test_a_logarithm_draws_each_decade_alike() -> None:
     drawn = [uniform(Space((MODULUS,)), generator(3, n))["fin.young_modulus"] for n in range(2000)]
     share = sum(value < 1e9 for value in drawn) / 2000.0
