@@ -71,6 +71,13 @@ def test_the_best_tenth_goes_on_unchanged_and_nothing_leaves_the_range() -> None
     assert abs(np.median(following) - 2.0) < 0.3
 
 
+def test_a_child_that_is_refused_is_drawn_again_near_its_parent() -> None:
+    space = Space((Dimension("x", 0.0, 1.0),), lambda values: "" if float(values["x"]) >= 0.5 else "too small")
+    children = mutated(space, np.full((200, 1), 0.5), np.array([0.01]), np.random.default_rng(1))
+    assert children.min() >= 0.5
+    assert children.max() < 0.56
+
+
 def test_parents_win_tournaments_of_three() -> None:
     count = 20000
     values = np.linspace(0.5, 4.0, count)[:, None]
@@ -134,6 +141,7 @@ def test_cma_finds_the_optimum_and_ranks_a_missing_score_last() -> None:
         (lambda: CmaEs(PLANE, 1, deviation=1.5), "deviation = 1.5"),
         (lambda: CmaEs(PLANE, 1).propose([Generation(np.zeros((2, 2)), np.zeros(2))]), "2 scores, 6 candidates"),
         (lambda: Generation(np.zeros((2, 1)), np.zeros(3)), "do not fit"),
+        (lambda: Generation(np.zeros((2, 1)), np.zeros(2), np.zeros(3)), r"costs of shape \(3,\) do not fit"),
         (lambda: Generation(np.zeros((1, 1)), np.array([np.inf])), "candidate 0 is infinite"),
     ],
 )

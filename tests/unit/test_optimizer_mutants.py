@@ -68,10 +68,17 @@ EQUIVALENT = {
         ),
     },
     "search/gaussian_process": {
+        "log_improvement_with_slope: variance <= _SMALLEST_VARIANCE -> variance < _SMALLEST_VARIANCE": (
+            "no variance is exactly that"
+        ),
         "predict: False -> True": "what is not finite was refused before: to look again only takes its time",
         "predict_with_slope: False -> True": "what is not finite was refused before: to look again only takes its time",
     },
     "search/nsga2": {
+        "_crossed: 1.0 -> 2.0": "the spread ends at the bound: what lies beyond it is rounding",
+        "propose: len(made) >= self.population -> len(made) > self.population": "more are drawn, none taken",
+        "_selected: if len(order) >= self.population: -> if False:": "what comes after them is cut off anyway",
+        "_selected: len(order) >= self.population -> len(order) > self.population": "likewise",
         "spread: drawn * alpha <= 1.0 -> drawn * alpha < 1.0": "both formulas give 1 there",
     },
     "search/quasi_random": {

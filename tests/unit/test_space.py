@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fin_optimizer.search.cma_es import CmaEs
-from fin_optimizer.search.distributions import distributions
+from fin_optimizer.search.distributions import distribution, distributions
 from fin_optimizer.search.genetic import GeneticAlgorithm, mutated
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
@@ -167,6 +167,11 @@ def test_optuna_takes_every_candidate(seed: int) -> None:
     for name, each in distributions(space).items():
         assert each._contains(each.to_internal_repr(values[name]))
         assert each.to_external_repr(each.to_internal_repr(values[name])) == values[name]
+
+
+def test_optuna_is_told_what_kind_of_number_each_is() -> None:
+    kinds = [type(distribution(dimension)).__name__.removesuffix("Distribution") for dimension in MIXED]
+    assert kinds == ["Float", "Float", "Int", "Categorical", "Float"]
 
 
 @pytest.mark.parametrize(
