@@ -9,6 +9,7 @@ import pytest
 
 from fin_optimizer.search import gp
 from fin_optimizer.search.features import Features
+from fin_optimizer.search.gaussian_process import GaussianProcess, Kernel
 from fin_optimizer.search.gp import GpSearch
 from fin_optimizer.search.quasi_random import QuasiRandom
 from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space
@@ -149,6 +150,39 @@ def test_with_more_scores_than_are_climbed_with_at_first_all_count_at_last(monke
     monkeypatch.setattr(gp, "_MOST_FOR_START", 20)
     part = gp._likely_kernel(features, scores, groups, np.random.default_rng(2))
     assert part.logarithms == pytest.approx(whole.logarithms, abs=0.1)
+
+
+def promise(space: Space, rows: list[list[float]], scores: list[float]) -> gp._Promise:
+    features = Features(space)
+    kernel = Kernel(np.full(len(space.names), 0.4), 1.0, 1e-4)
+    process = GaussianProcess(features.of(np.array(rows)), np.array(scores), features.groups, kernel)
+    return gp._Promise(space, features, process, max(scores), frozenset(map(tuple, rows)))
+
+
+def test_a_climb_leads_up() -> None:
+    rows = np.random.default_rng(2).uniform([0.0, 10.0], [1.0, 30.0], (8, 2))
+    scores = [hill({"x": x, "y": y}) for x, y in rows.tolist()]
+    promised = promise(PLANE, rows.tolist(), scores)
+    starts = np.array([[0.1, 12.0], [0.9, 12.0], [0.1, 28.0], [0.9, 28.0]])
+    ends = np.array([promised._moved(start) for start in starts])
+    assert (promised.of(ends) > promised.of(starts) + 0.1).all()
+    aside = np.array([0.01, 0.0])
+    assert all(
+        (promised.of(ends) >= promised.of(np.clip(ends + d, [0, 10], [1, 30])) - 1e-4).all() for d in (aside, -aside)
+    )
+
+
+def test_of_few_values_the_most_promising_that_can_be_is_taken() -> None:
+    every = np.array([[round(0.04 + 0.005 * place, 3)] for place in range(21)])
+    rows, scores = [[0.04], [0.09], [0.14]], [0.0, 1.0, 0.2]
+    free = promise(Space((LENGTH,)), rows, scores)
+    best = every[int(np.argmax(free.of(every)))]
+    assert best not in (0.04, 0.09, 0.14)
+    assert free._switched(np.array([0.04])) == pytest.approx(best)
+    refusing = Space((LENGTH,), lambda values: "no" if float(values["fin.length"]) == best[0] else "")
+    other = promise(refusing, rows, scores)
+    second = every[int(np.argsort(-free.of(every))[1])]
+    assert other._switched(np.array([0.04])) == pytest.approx(second)
 
 
 class TestFeatures:

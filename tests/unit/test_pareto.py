@@ -44,6 +44,10 @@ def test_fronts_are_what_is_left_when_the_fronts_before_are_taken_away(points: l
     assert ranks(objectives).tolist() == ranks_by_definition(objectives)
 
 
+def test_a_point_of_the_first_front_leaves_the_second_as_it_is() -> None:
+    assert ranks(np.array([[0.0, 1.0], [1.0, 5.0], [2.0, 0.5], [3.0, 6.0]])).tolist() == [0, 1, 0, 2]
+
+
 def test_no_points_have_no_fronts() -> None:
     assert [ranks(np.empty((0, count))).size for count in (2, 3)] == [0, 0]
 
