@@ -28,7 +28,7 @@ TESTS = {
     "search/quasi_random": ["test_spread_and_tpe.py", "test_searches.py"],
     "search/random_search": ["test_spread_and_tpe.py", "test_searches.py"],
     "search/tpe": ["test_spread_and_tpe.py", "test_searches.py"],
-    "search/cma_es": ["test_genetic.py"],
+    "search/cma_es": ["test_genetic.py", "test_space.py"],
     "plan": ["test_plan.py"],
     "score/swim": ["test_swim_score.py"],
     "score/mean_speed": ["test_score_limits.py", "test_score.py"],
