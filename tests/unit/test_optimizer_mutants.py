@@ -80,7 +80,15 @@ EQUIVALENT = {
         "_selected: len(order) >= self.population -> len(order) > self.population": "likewise",
         "spread: drawn * alpha <= 1.0 -> drawn * alpha < 1.0": "both formulas give 1 there",
     },
+    "search/tpe": {
+        "propose: None -> 1.0": "of the trial under way Optuna reads neither value nor times",
+        "_new_trial: [each for each in objectives if each is not None] if scored else None -> "
+        "[each for each in objectives if each is not None]": "of trials without a score no values are read",
+        "_new_trial: None -> 1.0": "what is read are the values; the times are not",
+    },
     "search/quasi_random": {
+        "_make: 2 -> 3": "points that are made beforehand change none",
+        "_make: len(made) < wanted -> len(made) <= wanted": "likewise",
         "propose: 1 -> 2": "points are made in blocks: one more than wanted changes none",
         "_make: 0 -> 1": "of what was refused: blocks are counted, one point more is none; the sequence's has a test",
     },

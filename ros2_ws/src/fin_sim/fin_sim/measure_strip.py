@@ -6,6 +6,7 @@ import argparse
 import json
 import re
 import sys
+import textwrap
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
@@ -31,12 +32,16 @@ _MEASURES = {
     "thickness": "of the sheet: its error counts three times, so take the mean of many places",
 }
 _AFTER = """\
-Cut a strip some six times as long as wide, clamp one end so that it stands out level, and hang a weight on the other.
-Measure by how much the end sinks when the weight is hung on, so that the strip's own weight does not count. Values are
-written with unit and error, the standard deviation of what was read:
+Cut a strip some six times as long as wide, clamp one end so that it stands
+out level, and hang a weight on the other. Measure by how much the end sinks
+when the weight is hung on, so that the strip's own weight does not count.
+Values are written with unit and error, the standard deviation of what was
+read:
 
-  measure_strip --length "60 +- 0.3 mm" --width "10 +- 0.1 mm" --thickness "0.300 +- 0.003 mm"
-      --weight "0.5 g" "1 g" --deflection "6.8 +- 0.2 mm" "13.2 +- 0.2 mm" --density "1190 kg/m^3" --name offcut
+  measure_strip --length "60 +- 0.3 mm" --width "10 +- 0.1 mm" \\
+      --thickness "0.300 +- 0.003 mm" --weight "0.5 g" "1 g" \\
+      --deflection "6.8 +- 0.2 mm" "13.2 +- 0.2 mm" \\
+      --density "1190 kg/m^3" --name offcut
 """
 
 
@@ -147,7 +152,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         end_when_output_closes()
     parser = argparse.ArgumentParser(
-        prog="measure_strip", description=__doc__, epilog=_AFTER, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog="measure_strip",
+        description=textwrap.fill(__doc__, 78),
+        epilog=_AFTER,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     for name, what in _MEASURES.items():
         parser.add_argument(f"--{name}", required=True, metavar="VALUE", help=what)
