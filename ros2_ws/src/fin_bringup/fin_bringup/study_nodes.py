@@ -14,7 +14,7 @@ from fin_bringup.study_arguments import NAMESPACE, parameters_of, refuse_unknown
 from fin_optimizer.gait_parameters import gait_from_parameters
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER, OPTIMIZER_PARAMETERS, SIMULATOR
 from fin_optimizer.study.journal import StudyError
-from fin_plant.gait import counted
+from fin_plant.checks import counted
 from fin_plant.parameters import load_table
 from fin_plant.paths import given_path
 from fin_servo_driver import robot_file
@@ -126,7 +126,8 @@ def check_tails(specs: Iterable[NodeSpec]) -> None:
         for whose, joints in _driven_joints(spec).items():
             if joints != len(gait.joints):
                 msg = (
-                    f"the gait has {counted(len(gait.joints))}, {whose} {joints}: give as many in gait.preset and "
+                    f"the gait has {counted(len(gait.joints), 'driven joint')}, {whose} {joints}: "
+                    "give as many in gait.preset and "
                     "gait.driven_joints, or in gait.joints.amplitude"
                 )
                 raise ValueError(msg)
@@ -144,7 +145,8 @@ def _driven_joints(spec: NodeSpec) -> dict[str, int]:
         found[f"robot_file:={name}"] = servos = len(robot_file.load(robot_file.find(str(name))).joints)
         if spec.name == "rehearsal" and servos != links + 1:
             msg = (
-                f"robot_file:={name} has {counted(servos)}, the hidden fish {links + 1}: give peduncle.length and the "
+                f"robot_file:={name} has {counted(servos, 'driven joint')}, the hidden fish "
+                f"{links + 1}: give peduncle.length and the "
                 f"other peduncle.* one value for each joint before the fin's, or another robot_file"
             )
             raise ValueError(msg)

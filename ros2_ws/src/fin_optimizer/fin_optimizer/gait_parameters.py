@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
-from fin_plant.gait import Gait, JointDrive, counted, gait_preset
+from fin_plant.checks import counted
+from fin_plant.gait import Gait, JointDrive, gait_preset
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -97,7 +98,7 @@ def _refuse_other_lengths(given: Mapping[str, Any], joints: int) -> None:
     if set(lengths.values()) - {joints}:
         said = ", ".join(f"{name} {length}" for name, length in lengths.items())
         msg = (
-            f"the gait has {counted(joints)}, but not every list has as many values "
+            f"the gait has {counted(joints, 'driven joint')}, but not every list has as many values "
             f"({said}): give one a driven joint, from the head to the tail, or leave the list out"
         )
         raise ValueError(msg)

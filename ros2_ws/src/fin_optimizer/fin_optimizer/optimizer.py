@@ -28,8 +28,9 @@ from fin_optimizer.study.report import CSV_FILE
 from fin_optimizer.study.resume_check import check_scores
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.swimmer import Conditions, Swimmer
-from fin_optimizer.words import counted, near
+from fin_optimizer.words import near
 from fin_plant import node_process, topics
+from fin_plant.checks import counted
 from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
 

@@ -67,11 +67,6 @@ def show_speed(speed: float) -> str:
     return f"{speed / CM:#.4g} cm/s"
 
 
-def counted(number: int, thing: str) -> str:
-    """Return so many of a thing: ``1 trial``, ``3 trials``."""
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
 def near(folder: Path) -> str:
     """Return the folder as seen from the current directory, where that is shorter."""
     return min(str(folder), os.path.relpath(folder), key=len)

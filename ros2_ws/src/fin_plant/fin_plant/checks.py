@@ -114,3 +114,8 @@ def choice(name: str, value: object, allowed: Collection[str]) -> str:
         msg = f"{name} = {value!r} is not known: choose one of {', '.join(sorted(allowed))}"
         raise ValueError(msg)
     return value
+
+
+def counted(number: int, thing: str) -> str:
+    """Return so many of a thing: ``1 trial``, ``3 trials``."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

@@ -181,11 +181,6 @@ class Gait:
         return any(joint.moves for joint in self.joints)
 
 
-def counted(joints: int) -> str:
-    """Return a number of driven joints in words."""
-    return f"{joints} driven joint{'' if joints == 1 else 's'}"
-
-
 def require_rows(gait: Gait, joints: int) -> None:
     """Refuse a gait with another number of rows than the tail has joints.
 
@@ -193,7 +188,8 @@ def require_rows(gait: Gait, joints: int) -> None:
         ValueError: It has.
     """
     if len(gait.joints) != joints:
-        msg = f"gait has {len(gait.joints)} rows, the tail has {counted(joints)}: send one row a joint"
+        tail = checks.counted(joints, "driven joint")
+        msg = f"gait has {len(gait.joints)} rows, the tail has {tail}: send one row a joint"
         raise ValueError(msg)
 
 

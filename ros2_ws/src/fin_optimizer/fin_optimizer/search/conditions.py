@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, NoReturn
 from fin_plant.units import PLAIN, QUANTITY, combined, si_unit, unit_of
 
 if TYPE_CHECKING:
+    import re
     from collections.abc import Callable, Mapping
 
     from fin_plant.units import Powers
@@ -116,8 +117,8 @@ class _Reader:
             self._refuse("it names nothing of the fin or the gait")
         return Condition(self._text, tuple(self._names), terms, tuple(map(type, tree.ops)), self._units)
 
-    def _with_factor(self, found: object) -> str:
-        number, unit = found[1], found[2]  # type: ignore[index]
+    def _with_factor(self, found: re.Match[str]) -> str:
+        number, unit = found[1], found[2]
         self._quantities.append(unit)
         return f"({number}*{_UNIT_NAME}{len(self._quantities) - 1})"
 
@@ -135,8 +136,8 @@ class _Reader:
 
     def _term(self, node: ast.AST) -> Term:
         match node:
-            case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
-                number = float(node.value)  # type: ignore[arg-type]
+            case ast.Constant(value=int() | float() as constant) if not isinstance(constant, bool):
+                number = float(constant)
                 return PLAIN, lambda _: number
             case ast.Name() | ast.Attribute() | ast.Subscript():
                 return self._name(ast.unparse(node))

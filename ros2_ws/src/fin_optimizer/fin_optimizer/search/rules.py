@@ -130,8 +130,7 @@ class Rules:
         """
         random, met = generator(0, 0), defaultdict[str, list[str]](list)
         for _ in range(_SAMPLES):
-            row = [float(d.numbers(random.uniform(d.low, d.high))) for d in space.dimensions]  # type: ignore[arg-type]
-            rule, why = self.refusal(start, space.values(row))
+            rule, why = self.refusal(start, space.drawn(random))
             if not rule:
                 return Space(space.dimensions, partial(self.judge, dict(start)))
             met[rule].append(why)

@@ -302,6 +302,10 @@ class Space:
         """Return the candidate that these numbers stand for."""
         return {d.name: d.value(number) for d, number in zip(self.dimensions, row, strict=True)}
 
+    def drawn(self, random: np.random.Generator) -> Values:
+        """Return a candidate drawn uniformly, whether or not it can be."""
+        return {d.name: d.value(float(d.numbers(np.asarray(random.uniform(d.low, d.high))))) for d in self.dimensions}
+
     def refused(self, numbers: NDArray[np.float64]) -> NDArray[np.intp]:
         """Return which rows of candidates, shape (candidates, parameters), cannot be."""
         if self.judge is _allowed:
@@ -401,7 +405,7 @@ def uniform(space: Space, random: np.random.Generator) -> Values:
         ValueError: None of ten thousand can.
     """
     for _ in range(_DRAWS):
-        drawn = {d.name: d.value(float(d.numbers(random.uniform(d.low, d.high)))) for d in space.dimensions}  # type: ignore[arg-type]
+        drawn = space.drawn(random)
         refusal = space.judge(drawn)
         if not refusal:
             return drawn

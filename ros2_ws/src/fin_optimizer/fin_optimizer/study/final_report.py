@@ -9,7 +9,8 @@ from fin_optimizer.study.candidate import front
 from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
 from fin_optimizer.study.pictures import draw_study
 from fin_optimizer.study.settings import Objective
-from fin_optimizer.words import counted, near, show_speed, show_values
+from fin_optimizer.words import near, show_speed, show_values
+from fin_plant.checks import counted
 
 if TYPE_CHECKING:
     from fin_optimizer.study.ledger import Study

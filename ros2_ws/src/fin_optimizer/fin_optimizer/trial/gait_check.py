@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from fin_plant.gait import COLUMNS, counted
+from fin_plant.checks import counted
+from fin_plant.gait import COLUMNS
 from fin_plant.plant_state import LIMITS
 
 if TYPE_CHECKING:
@@ -30,7 +31,8 @@ def cut_gait(state: PlantState | None, asked: Gait) -> str:
     joints = len(asked.joints)
     if state.driven_joints not in {0, joints}:
         return (
-            f"the study's gait has {counted(joints)}, the plant {state.driven_joints}: give as many in gait.*, or the "
+            f"the study's gait has {counted(joints, 'driven joint')}, the plant {state.driven_joints}: "
+            "give as many in gait.*, or the "
             f"plant {joints} (a robot by its robot_file, a simulated fish by one link less in peduncle.length)"
         )
     if not set(LIMITS) <= set(state.details):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_plant import checks
-from fin_plant.gait import counted
+from fin_plant.checks import counted
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
@@ -124,7 +124,7 @@ class HiddenFish:
         if sum(chain.driven) != len(self._servo.angle):
             joints = len(self._servo.angle)
             msg = (
-                f"the robot file has {counted(joints)}, the hidden fish {sum(chain.driven)}: "
+                f"the robot file has {counted(joints, 'driven joint')}, the hidden fish {sum(chain.driven)}: "
                 f"give peduncle.length and the other peduncle.* {joints - 1} values, one link a joint but the fin's"
             )
             raise ValueError(msg)
