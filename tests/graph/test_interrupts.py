@@ -21,6 +21,10 @@ EXECUTABLES = sorted(
     (path.parent.name, path.name) for path in INSTALL.glob("*/lib/*/*") if path.is_file() and os.access(path, os.X_OK)
 )
 LONG_VARIATION = ("--vary", "fin.length=0.06:0.10:4000", "--csv", "swims.csv")
+STRIP = (
+    *("--length", "100 +- 0.5 mm", "--width", "20 +- 0.1 mm", "--thickness", "0.35 +- 0.01 mm"),
+    *("--weight", "5 +- 0.1 g", "--deflection", "12 +- 0.5 mm"),
+)
 # What makes an executable work for some time, or get as far as it can without a device.
 ARGUMENTS = {
     "bench": ("--repeats", "50"),
@@ -28,6 +32,7 @@ ARGUMENTS = {
     "calibrate_servo": (str(ROOT / "ros2_ws/src/fin_servo_driver/config/dynamixel.yaml"),),
     "control": ("pause",),
     "export": ("study",),
+    "measure_strip": STRIP,
     "optimizer": ("--ros-args", "-p", "study_folder:=study", "-p", "disk.minimum_free:=0"),
     "play_bag": ("bag",),
     "repair_bags": ("bags",),
@@ -36,8 +41,16 @@ ARGUMENTS = {
     "swim": LONG_VARIATION,
     "validation": ("--data", str(ROOT / "tests/data"), "--docs", "docs"),
 }
-# Of programs that have read their files, found none or no device, before the signal came.
-ENDED_BEFORE = {"calibrate_servo": 1, "export": 2, "play_bag": 2, "repair_bags": 2, "score_bag": 2, "show_study": 2}
+# Of programs that are done, or have found no file or no device, before the signal comes.
+ENDED_BEFORE = {
+    "calibrate_servo": 1,
+    "export": 2,
+    "measure_strip": 0,
+    "play_bag": 2,
+    "repair_bags": 2,
+    "score_bag": 2,
+    "show_study": 2,
+}
 END_SECONDS = 180.0  # code that is being compiled is not interrupted; a program that hangs fails anyway
 
 
@@ -90,6 +103,7 @@ def check(delay: float, package: str, executable: str, folder: Path, terminal: i
     where = f"{executable} after {delay:.2f} s ended with {code} and said:\n{said[-2000:]}"
     assert "Traceback" not in said, where
     assert "Error" not in said, where
+    assert "usage:" not in said, f"ARGUMENTS of {executable} are missing: {where}"
     # At its very start, before it can hold the signal back, the shell's own end by SIGINT: 130 to who asks a shell.
     assert (
         code in {130, -signal.SIGINT}
