@@ -50,6 +50,7 @@ ROS_MODULES = {
 }
 # Physics, search and scoring: may never be listed above, and a renamed one must be renamed here.
 CORE_MODULES = {
+    "fin_optimizer.goals",
     "fin_optimizer.score.mean_speed",
     "fin_optimizer.search.algorithms",
     "fin_optimizer.search.cma_es",
