@@ -297,7 +297,7 @@ def test_a_variation_shows_the_units_of_its_numbers(
         (("--material", "DM8510"), "No modulus"),
         (("--material", "PP", "--fin.young_modulus", "1e9"), "leave one of them out"),
         (("--vary", "fin.colour=1,2"), "fin.colour is not a parameter"),
-        (("--vary", "fin.hinges=1,2"), "it is no number"),
+        (("--vary", "fin.hinges=1,2"), "fin.hinges = '1' is not known"),
         (("--vary", "frequency=1:2"), "FIRST:LAST:COUNT"),
         (("--vary", "frequency=0:2:3:log"), "values above 0"),
         (("--vary", "frequency=1:2:3", "--vary", "frequency=1:2:3"), "one or two different numbers"),

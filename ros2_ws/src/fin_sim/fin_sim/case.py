@@ -1,10 +1,10 @@
 """Case files: one swim with every parameter written out, as JSON, so that another solver can repeat it.
 
-The file holds an object ``case``: the attributes of `Water`, its density as ``rho``, of which all but ``rho`` and
-``normal_drag`` may be left out; ``body``, ``links`` and, where the servos are not ideal, ``servo`` with the attributes
-of `Body`, `Link` and `Motor`; ``joints`` (each ``{"drive": {amplitude, frequency, phase, bias}}`` or
-``{"passive": true}``), ``ramp`` and ``duration`` in s, ``clamp`` (``free``, ``fixed`` or ``{"tow": m/s}``) and
-``reactive``. SI units, radians.
+The file holds an object ``case``: the attributes of `Water`, its density as ``rho`` and its model as ``water``, of
+which all but ``rho`` and ``normal_drag`` may be left out; ``body``, ``links`` and, where the servos are not ideal,
+``servo`` with the attributes of `Body`, `Link` and `Motor`; ``joints`` (each ``{"drive": {amplitude, frequency, phase,
+bias}}`` or ``{"passive": true}``), ``ramp`` and ``duration`` in s, ``clamp`` (``free``, ``fixed`` or ``{"tow": m/s}``)
+and ``reactive``. SI units, radians.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ if TYPE_CHECKING:
 ValueT = TypeVar("ValueT", Body, Link, JointDrive, Motor)
 
 _REQUIRED = {"rho", "normal_drag", "body", "links", "joints", "ramp", "duration", "clamp", "reactive"}
-_WATER = {"rho" if item.name == "density" else item.name: item.name for item in fields(Water)}
+_WATER_KEYS = {"density": "rho", "model": "water"}
+_WATER = {_WATER_KEYS.get(item.name, item.name): item.name for item in fields(Water)}
 """The water's attributes by the keys of a case."""
+_WORDS = {"model", "wake", "drag", "tip_term"}
 _KEYS = {*_REQUIRED, *_WATER, "servo"}
 _MEANS_OVER = 2
 # Intervals of a trajectory file; a held fish is sampled finer, since its forces are what is asked of it.
@@ -122,7 +124,11 @@ def _link(where: str, value: object) -> Link:
 
 def _water(case: dict[str, Any]) -> Water:
     """Return the water; a refusal names the key of the case."""
-    values = {name: checks.number(f"case {key}", case[key]) for key, name in _WATER.items() if key in case}
+    values: dict[str, Any] = {
+        name: case[key] if name in _WORDS else checks.number(f"case {key}", case[key])
+        for key, name in _WATER.items()
+        if key in case
+    }
     try:
         return Water(**values)
     except ValueError as error:

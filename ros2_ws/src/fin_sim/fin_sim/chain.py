@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 import scipy.linalg
@@ -83,6 +83,30 @@ def _pieces(link: Link) -> list[float]:
     return columns
 
 
+def convective_form(reactive: str, water: Water) -> Reactive:
+    """Return the form of the convective force in this water.
+
+    Without a wake nothing acts at the trailing edge, and what the water's kinetic energy asks for remains: in the
+    distributed form each link's Munk moment, which the form at the tip does not have.
+
+    Raises:
+        ValueError: An unknown form.
+    """
+    checks.choice("reactive", reactive, REACTIVE_FORMS)
+    return "distributed" if water.wake == "none" else cast("Reactive", reactive)
+
+
+def refuse_unready(water: Water) -> None:
+    """Refuse a water that swims do not have yet.
+
+    Raises:
+        ValueError: Its model is not that of the strip.
+    """
+    if water.model != "strip":
+        msg = f"water.model = {water.model}: not yet for swims of a fish; take strip"
+        raise ValueError(msg)
+
+
 @dataclass(frozen=True)
 class Chain:
     """A body with its tail in water: all that the equations of motion need.
@@ -92,14 +116,15 @@ class Chain:
         links: From the head to the tail, 1 to 21.
         driven: For each link whether its joint is driven; at least one is.
         water: The water.
-        reactive: Form of Lighthill's force, ``distributed`` (energy-consistent) or ``tip`` (the papers').
+        reactive: Form of Lighthill's force, ``distributed`` (energy-consistent) or ``tip`` (the papers'); without a
+            wake it is always ``distributed``, see `convective_form`.
         clamp: ``free`` body, ``fixed`` body, or ``towed`` forward at ``tow_speed``.
         tow_speed: m/s, for ``towed``.
         motor: What drives each driven joint; where there is none its angle is prescribed.
         normal_drags: C_N of each link, where a gait has decided it (`for_gait`); else the water's, of every link.
 
     Raises:
-        ValueError: No link, too many, no driven joint, unknown names.
+        ValueError: No link, too many, no driven joint, unknown names, or a water that does not swim yet.
     """
 
     body: Body
@@ -114,7 +139,8 @@ class Chain:
 
     def __post_init__(self) -> None:
         checks.whole_number("number of links", len(self.links), 1, MAXIMUM_LINKS)
-        checks.choice("reactive", self.reactive, REACTIVE_FORMS)
+        object.__setattr__(self, "reactive", convective_form(self.reactive, self.water))
+        refuse_unready(self.water)
         checks.choice("clamp", self.clamp, CLAMPS)
         checks.number("tow_speed", self.tow_speed, unit="m/s")
         if len(self.driven) != len(self.links):
@@ -145,11 +171,11 @@ class Chain:
             link.length,
             *(virtual * moment for moment in _moments(link, 2)),
             *(link.mass_per_area * moment for moment in _moments(link, 1)),
-            virtual * link.tip_height**2,
+            virtual * link.tip_height**2 if self.water.wake == "lighthill" else 0.0,
             0.0 if is_driven else link.stiffness,
             0.0 if is_driven else link.damping,
             float(is_driven and self.motor is None),
-            -0.5 * self.water.density * normal_drag,
+            -0.5 * self.water.density * normal_drag if self.water.resists else 0.0,
             *(self.motor.constants if is_driven and self.motor else _NO_MOTOR),
             *_pieces(link),
         ]
@@ -165,6 +191,8 @@ class Chain:
     def body_vector(self) -> NDArray[np.float64]:
         """Return the kernel's body constants, shape (11,), in the order that `dynamics` unpacks."""
         body, half_density = self.body, 0.5 * self.water.density
+        if not self.water.resists:
+            body = replace(body, drag_area=0.0, linear_drag=0.0, lift_area=0.0, yaw_drag=0.0)
         return np.array(
             [
                 body.mass + body.added_surge,

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.special import elliprd
 
 from fin_plant import checks
 from fin_sim.motor import Motor
+from fin_sim.water_settings import DRAGS, MODELS, TIP_TERMS, WAKES, Drag, Model, TipTerm, Wake, settings
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -182,9 +183,14 @@ class Water:
             `oscillating_drag`.
         current_x: Velocity of the steady, uniform stream in the tank frame, m/s.
         current_y: The same to the left, m/s.
+        model: Where the kinetic energy of the water comes from, see `water_settings`.
+        wake: Whether the trailing edge sheds Lighthill's wake.
+        drag: Whether the water resists: without, every coefficient of drag, lift and damping counts as 0.
+        tip_term: In three dimensions, virtual mass per length that sheds the wake: the strip's at the trailing edge,
+            or scaled by what is left of the last link's.
 
     Raises:
-        ValueError: A value that is not finite or out of range.
+        ValueError: A value that is not finite or out of range, or an unknown name.
     """
 
     density: float = WATER_DENSITY
@@ -192,13 +198,24 @@ class Water:
     oscillating_drag: float = 0.0
     current_x: float = 0.0
     current_y: float = 0.0
+    model: Model = "strip"
+    wake: Wake = "lighthill"
+    drag: Drag = "on"
+    tip_term: TipTerm = "strip"
 
     def __post_init__(self) -> None:
+        for name, names in (("model", MODELS), ("wake", WAKES), ("drag", DRAGS), ("tip_term", TIP_TERMS)):
+            checks.choice(f"water.{name}", getattr(self, name), names)
         checks.number("water.density", self.density, 0.0, unit="kg/m^3", exclusive_minimum=True)
         checks.number("water.normal_drag", self.normal_drag, 0.0)
         checks.number("water.oscillating_drag", self.oscillating_drag, 0.0)
         for name in ("current_x", "current_y"):
             checks.number(f"water.{name}", getattr(self, name), unit="m/s")
+
+    @property
+    def resists(self) -> bool:
+        """Whether drag, lift, yaw damping and the resistive force act."""
+        return self.drag == "on"
 
     @property
     def flows(self) -> bool:
@@ -259,8 +276,18 @@ class Fish:
         given = {item.name: own.get(f"body.{item.name}") for item in fields(Body) if item.name not in coefficients}
         chosen = {name: float(value) for name, value in given.items() if value is not None and float(value) >= 0.0}  # type: ignore[arg-type]
         body = Body(**{**{item.name: getattr(body, item.name) for item in fields(Body)}, **chosen})
-        water = Water(**{item.name: float(own[f"water.{item.name}"]) for item in fields(Water)})  # type: ignore[arg-type]
-        return cls(body, water, _peduncle(values), Motor.from_parameters(values))
+        return cls(body, _water(values), _peduncle(values), Motor.from_parameters(values))
+
+
+def _water(values: Mapping[str, object]) -> Water:
+    """Return the water of the parameters ``water.*``.
+
+    Raises:
+        ValueError: A value that is refused.
+    """
+    own: dict[str, Any] = {item.name: values[f"water.{item.name}"] for item in fields(Water)}
+    chosen = settings(str(values["water.preset"]), own["model"], own["wake"], own["drag"])
+    return Water(**{**own, **chosen._asdict()})
 
 
 def _peduncle(values: Mapping[str, object]) -> tuple[Link, ...]:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from fin_sim.swim_result import Swim
-    from fin_sim.variation import Axis
+    from fin_sim.variation import Axis, Cell
 
 BODY_COLOUR, TAIL_COLOUR, FIN_COLOUR, PATH_COLOUR = "#29588a", "#595961", "#ed8c24", "#9aa5b1"
 _FRAMES_PER_SECOND = 25
@@ -67,7 +67,7 @@ def plot_swim(swim: Swim, path: Path, title: str = "") -> None:
 
 
 @own_style()
-def plot_variation(axes: list[Axis], rows: list[dict[str, float | None]], path: Path, title: str = "") -> None:
+def plot_variation(axes: list[Axis], rows: list[dict[str, Cell]], path: Path, title: str = "") -> None:
     """Draw mean and steady speed of a variation, as far as its rows have them, into a PNG, PDF or SVG.
 
     Over one number curves; over two a curve for each value of the second, or a map where those would be too many.
@@ -87,7 +87,8 @@ def plot_variation(axes: list[Axis], rows: list[dict[str, float | None]], path: 
     first, second = axes[0], (axes[1] if len(axes) > 1 else None)
     for panel, name in zip(panels.flat, speeds, strict=True):
         panel.set(xlabel=_label(first), title=f"{name.replace('_', ' ')}, cm/s")
-        if second and len(second.values) > _LARGEST_LEGEND and len(first.values) > 1:
+        numbers = second and not first.of_words and not second.of_words
+        if second and numbers and len(second.values) > _LARGEST_LEGEND and len(first.values) > 1:
             _draw_map(figure, panel, first, second, [(row[first.name], row[second.name], row[name]) for row in rows])
         else:
             _draw_curves(panel, first, second, name, rows)
@@ -98,12 +99,13 @@ def _label(axis: Axis) -> str:
     return f"{axis.name}, {axis.unit}" if axis.unit else axis.name
 
 
-def _draw_curves(panel: Axes, first: Axis, second: Axis | None, name: str, rows: list[dict[str, float | None]]) -> None:
+def _draw_curves(panel: Axes, first: Axis, second: Axis | None, name: str, rows: list[dict[str, Cell]]) -> None:
     for value in second.values if second else (None,):
         chosen = [row for row in rows if second is None or row[second.name] == value]
-        speeds = [math.nan if row[name] is None else 100.0 * row[name] for row in chosen]  # type: ignore[operator]
-        label = f"{second.name} = {value:g} {second.unit}".rstrip() if second else None
-        panel.plot([row[first.name] for row in chosen], speeds, marker="o", ms=3, label=label)  # type: ignore[arg-type]
+        speeds = [math.nan if row[name] is None else 100.0 * row[name] for row in chosen]
+        shown = value if isinstance(value, str) else f"{value:g}" if second else ""
+        label = f"{second.name} = {shown} {second.unit}".rstrip() if second else None
+        panel.plot([row[first.name] for row in chosen], speeds, marker="o", ms=3, label=label)
     panel.set(ylim=(0.0, None))
     _scale(panel, "x", first)
     if second:
@@ -123,7 +125,7 @@ def _draw_map(
     table = np.full((len(lines), len(columns)), math.nan)
     for x, y, speed in speeds:
         if speed is not None:
-            table[lines[y], columns[x]] = 100.0 * speed  # type: ignore[index]
+            table[lines[y], columns[x]] = 100.0 * speed
     panel.grid(visible=False)
     mesh = panel.pcolormesh(list(columns), list(lines), table, cmap="viridis", shading="nearest")
     figure.colorbar(mesh, ax=panel, pad=0.02)
@@ -149,7 +151,7 @@ def _draw_map(
 
 def _scale(panel: Axes, direction: str, varied: Axis) -> None:
     """Make an axis logarithmic where its values span more than a decade, with labels at 1, 2 and 5."""
-    if not min(varied.values) > 0.0 or max(varied.values) < _SPREAD * min(varied.values):
+    if varied.of_words or not min(varied.values) > 0.0 or max(varied.values) < _SPREAD * min(varied.values):
         return
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter  # noqa: PLC0415  (see own_style)
 

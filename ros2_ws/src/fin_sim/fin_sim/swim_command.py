@@ -36,6 +36,7 @@ from fin_sim.variation import (
     VARIATION_TABLE,
     VARIATION_TABLE_OF_MOTORS,
     Axis,
+    Cell,
     SwimPlan,
     parse_axis,
     swim_all,
@@ -53,6 +54,8 @@ _PLAN_OPTIONS = tuple(item.name for item in fields(SwimPlan) if item.name not in
 _RUN_PARAMETERS = {"reactive": "reactive", "step": "step", "drive.ramp_time": "ramp_time"}
 # Parameters that ROS gives every node.
 _EVERY_NODES = ("use_sim_time", "qos_overrides.", "start_type_description_service")
+# Short names of what is asked for often.
+_SHORT = {"water.model": "--water", "water.wake": "--wake", "water.drag": "--drag", "water.preset": "--preset"}
 _OF_MATERIAL = ("fin.young_modulus", "fin.density")
 _DAMPING_TIME = "fin.damping_time"  # follows from a material's loss and the frequency, where it is not given
 _BAD_INPUT = 2
@@ -71,6 +74,8 @@ _EXAMPLES = """examples:
   swim --vary fin.young_modulus=1e9,2e9 --vary frequency=0.5:2:7
   swim --clamp towed --tow_speed 0.03
       thrust, power and efficiency at a given speed
+  swim --preset soleil
+      in ideal water of three dimensions, without wake and drag
   swim --animate swim.gif
       body, fin and path from above
   swim --case case.json --json --csv trajectory.csv
@@ -95,7 +100,8 @@ def _parser() -> argparse.ArgumentParser:
         meaning = entry.description.removesuffix(".")
         help_text = f"{meaning}{unit} (default {entry.default})".replace("%", "%%")
         metavar = "A,B" if entry.kind.endswith("_array") else "X"
-        numbers.add_argument(f"--{name}", dest=name, metavar=metavar, help=help_text)
+        names = [f"--{name}", *([_SHORT[name]] if name in _SHORT else [])]
+        numbers.add_argument(*names, dest=name, metavar=metavar, help=help_text)
     return parser
 
 
@@ -345,7 +351,9 @@ def _console() -> Console:
     return Console() if sys.stdout.isatty() else Console(width=_PIPE_WIDTH)
 
 
-def _shown(value: float | None, scale: float = 1.0) -> str:
+def _shown(value: Cell, scale: float = 1.0) -> str:
+    if isinstance(value, str):
+        return value
     return "-" if value is None else f"{value * scale:.4g}"
 
 
@@ -406,7 +414,7 @@ def _run_case(options: argparse.Namespace) -> None:
     _one(swim, options, (length, length / 3.0), options.case.stem, case_files.SAMPLES_A_ROW)
 
 
-def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> Table:
+def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, Cell]]) -> Table:
     known = [figure for figure in FIGURES if figure.name in rows[0]]
     # Quick swims have so few that all fit.
     motors = any(row.get("mean_electrical_power") is not None for row in rows)
@@ -426,7 +434,7 @@ def _variation_units(axes: Sequence[Axis]) -> dict[str, str]:
     return {axis.name: axis.unit for axis in axes} | {figure.name: figure.si for figure in FIGURES}
 
 
-def _variation_csv(axes: Sequence[Axis], rows: Sequence[Mapping[str, float | None]]) -> str:
+def _variation_csv(axes: Sequence[Axis], rows: Sequence[Mapping[str, Cell]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0], lineterminator="\n")
     units = _variation_units(axes)
@@ -444,7 +452,7 @@ def _run_variation(plan: SwimPlan, axes: list[Axis], options: argparse.Namespace
             "speeds are right to 0.1 %",
             file=sys.stderr,
         )
-    rows: list[dict[str, float | None]] = []
+    rows: list[dict[str, Cell]] = []
     failures: list[str] = []
     doubts: dict[str, None] = {}
     code = 0
@@ -460,13 +468,13 @@ def _run_variation(plan: SwimPlan, axes: list[Axis], options: argparse.Namespace
         )
         try:
             for (numbers, _), swum in watched:
-                row: dict[str, float | None] = {axis.name: number for axis, number in zip(axes, numbers, strict=True)}
+                row: dict[str, Cell] = {axis.name: number for axis, number in zip(axes, numbers, strict=True)}
                 rows.append({**row, **swum.figures})
                 doubts |= dict.fromkeys(swum.warnings)
                 if swum.failure:
                     code = _SWIM_FAILED
                     failures.append(
-                        f"{', '.join(f'{axis.name} = {row[axis.name]:g}' for axis in axes)}: {swum.failure}"
+                        f"{', '.join(f'{axis.name} = {_shown(row[axis.name])}' for axis in axes)}: {swum.failure}"
                     )
         except KeyboardInterrupt:
             code = _INTERRUPTED
@@ -480,9 +488,7 @@ def _run_variation(plan: SwimPlan, axes: list[Axis], options: argparse.Namespace
     return code
 
 
-def _put_out_variation(
-    axes: list[Axis], rows: list[dict[str, float | None]], options: argparse.Namespace, title: str
-) -> None:
+def _put_out_variation(axes: list[Axis], rows: list[dict[str, Cell]], options: argparse.Namespace, title: str) -> None:
     if options.csv and options.csv != "-":
         with _output(Path(options.csv)) as file:
             file.write_text(_variation_csv(axes, rows), encoding="utf-8")

@@ -9,7 +9,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -41,6 +41,8 @@ GAIT_NUMBERS = {"amplitude": "degrees", "frequency": "Hz", "bias": "degrees", "t
 """What can vary besides the parameters, and its units."""
 
 _LARGEST_SWEEP = 10_000
+Cell = Any
+"""What a row of a variation holds: a number, a word that varies, or None."""
 
 
 @dataclass(frozen=True)
@@ -164,8 +166,8 @@ class SwimPlan:
             step=self.step,
         )
 
-    def changed(self, name: str, value: float) -> SwimPlan:
-        """Return the plan with one number changed.
+    def changed(self, name: str, value: float | str) -> SwimPlan:
+        """Return the plan with one number or word changed.
 
         Raises:
             ValueError: An unknown name.
@@ -178,10 +180,15 @@ class SwimPlan:
 
 @dataclass(frozen=True)
 class Axis:
-    """One number that varies, and the values that it takes."""
+    """One number, or word, that varies, and the values that it takes."""
 
     name: str
-    values: tuple[float, ...]
+    values: tuple[Any, ...]
+
+    @property
+    def of_words(self) -> bool:
+        """Whether it is a word that varies."""
+        return isinstance(self.values[0], str)
 
     @property
     def unit(self) -> str:
@@ -191,6 +198,8 @@ class Axis:
 
 def parse_axis(text: str) -> Axis:
     """Return the axis of ``NAME=FIRST:LAST:COUNT``, ``NAME=FIRST:LAST:COUNT:log`` or ``NAME=VALUE,VALUE,...``.
+
+    What has a choice of words takes the last form.
 
     Raises:
         ValueError: Another form, or a name that cannot vary.
@@ -206,6 +215,8 @@ def parse_axis(text: str) -> Axis:
             )
             raise ValueError(msg)
         parameter = PARAMETERS[name]
+        if parameter.choices:
+            return Axis(name, tuple(parameter.check(word.strip()) for word in rule.split(",")))
         if parameter.kind not in {"double", "integer"}:
             msg = f"vary {name}: it is no number; vary one that is"
             raise ValueError(msg)
@@ -234,7 +245,7 @@ def _spaced(parts: list[str]) -> tuple[float, ...]:
     return tuple(map(float, spaced))
 
 
-def varied_plans(plan: SwimPlan, axes: list[Axis]) -> list[tuple[tuple[float, ...], SwimPlan]]:
+def varied_plans(plan: SwimPlan, axes: list[Axis]) -> list[tuple[tuple[float | str, ...], SwimPlan]]:
     """Return the swims of a variation and their numbers, the first axis varying slowest; every plan is checked.
 
     Raises:

@@ -38,6 +38,7 @@ from fin_optimizer.paper.experiments import (
     Campaign,
     Run,
     groups,
+    in_water,
     perform,
     planned_runs,
 )
@@ -45,6 +46,7 @@ from fin_plant import checks, json_file
 from fin_plant.paths import given_path
 from fin_plant.start import interrupt_held_back
 from fin_sim.presets import preset
+from fin_sim.water_settings import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -69,11 +71,21 @@ def _write(path: Path, write: Callable[[Path], object]) -> None:
         part.unlink(missing_ok=True)
 
 
+def _leave_out_water(settings: dict[str, Any]) -> None:
+    """Take out what the settings did not hold when there was one kind of water: such a folder can be resumed."""
+    del settings["water"]
+    for given in settings["fish"].values():
+        for name in ("model", "wake", "drag", "tip_term"):
+            del given["fish"]["water"][name]
+
+
 def _open_folder(folder: Path, campaign: Campaign) -> None:
     """Make the folder, or see that it holds the same campaign."""
     settings = folder / "study.json"
     fish = {name: asdict(preset(name)) for name in (MODEL, SIMULATION, STATED)}
     wanted = json.loads(json.dumps({**asdict(campaign), "fish": fish}))
+    if campaign.water == "strip":
+        _leave_out_water(wanted)
     try:
         (folder / "runs").mkdir(parents=True, exist_ok=True)
         if not settings.exists():
@@ -255,6 +267,7 @@ def _parser() -> argparse.ArgumentParser:
     add("experiments", nargs="*", metavar="EXPERIMENT", help=f"all, or some of: {names}")
     add("--output", type=given_path, default=Path("runs/campaign"), help="folder of the results (default: %(default)s)")
     add("--variant", choices=("paper", "2012"), default="paper", help="sizes of the paper, or of Clark et al. 2012")
+    add("--water", choices=tuple(PRESETS), default="strip", help="preset of the water that all fish swim in")
     add("--seed", type=checks.read_whole_number, help="of all random numbers")
     add("--hill-climber-runs", type=checks.read_whole_number, help="runs of the hill climber")
     add("--hill-climber-candidates", type=checks.read_whole_number, help="fins that each of them tries")
@@ -277,7 +290,11 @@ def _parser() -> argparse.ArgumentParser:
 def _campaign_of(arguments: argparse.Namespace) -> Campaign:
     campaign = Campaign() if arguments.variant == "paper" else Campaign.clark()
     sizes = ("seed", "hill_climber_runs", "hill_climber_candidates", "genetic_runs", "population", "generations")
-    given = {name: getattr(arguments, name) for name in (*sizes, "landscape") if getattr(arguments, name) is not None}
+    given = {
+        name: getattr(arguments, name)
+        for name in (*sizes, "landscape", "water")
+        if getattr(arguments, name) is not None
+    }
     if arguments.modulus is not None:
         given["modulus"] = tuple(
             checks.number("--modulus", value, 0.01, 200.0, unit="GPa") * 1e9 for value in arguments.modulus
@@ -288,6 +305,7 @@ def _campaign_of(arguments: argparse.Namespace) -> Campaign:
 def _run(arguments: argparse.Namespace, console: Console) -> None:
     campaign = _campaign_of(arguments)
     runs = planned_runs(campaign, arguments.experiments)
+    in_water(preset(SIMULATION), campaign.water)
     workers = checks.whole_number("--workers", arguments.workers, 1)
     folder: Path = arguments.output
     _open_folder(folder, campaign)

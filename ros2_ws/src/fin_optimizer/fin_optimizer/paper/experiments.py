@@ -23,8 +23,10 @@ from fin_plant import checks
 from fin_plant.fin import scaled_to_area
 from fin_plant.gait import PAPER_GAIT
 from fin_sim.batch import swim_batch
+from fin_sim.chain import refuse_unready
 from fin_sim.paper_models import speeds_from_thrust
 from fin_sim.presets import Preset, preset
+from fin_sim.water_settings import PRESETS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -62,6 +64,7 @@ class Campaign:
         crossover: One-point crossover in the shape experiment (2012).
         modulus: Range of E for the experiments on E alone, Pa.
         landscape: Points over E; the landscape of the shape has as many for E and for length.
+        water: Preset of the water that all fish swim in (`fin_sim.water_settings`); ``strip`` is the fish's own.
 
     Raises:
         ValueError: A number that cannot be, or a range upside down.
@@ -76,8 +79,10 @@ class Campaign:
     crossover: bool = False
     modulus: tuple[float, float] = (0.5e9, 4e9)
     landscape: int = 100
+    water: str = "strip"
 
     def __post_init__(self) -> None:
+        checks.choice("water", self.water, PRESETS)
         checks.whole_number("seed", self.seed, 0)
         for name in ("hill_climber_runs", "hill_climber_candidates", "genetic_runs", "generations"):
             checks.whole_number(name, getattr(self, name), 1, advice="an experiment needs at least one")
@@ -115,7 +120,7 @@ class Run:
     @property
     def preset(self) -> Preset:
         """Fin and fish that swim."""
-        return preset(EXPERIMENTS[self.experiment].preset)
+        return in_water(preset(EXPERIMENTS[self.experiment].preset), self.campaign.water)
 
     @property
     def seed(self) -> int:
@@ -123,6 +128,17 @@ class Run:
         key = (sorted(EXPERIMENTS).index(self.experiment), self.number)
         state = np.random.SeedSequence(self.campaign.seed, spawn_key=key).generate_state(1, np.uint64)
         return int(state[0])
+
+
+def in_water(given: Preset, water: str) -> Preset:
+    """Return fin and fish in the water of a preset of `fin_sim.water_settings`.
+
+    Raises:
+        ValueError: A water that does not swim yet.
+    """
+    chosen = replace(given.fish.water, **PRESETS[water]._asdict())
+    refuse_unready(chosen)
+    return replace(given, fish=replace(given.fish, water=chosen))
 
 
 Values = Mapping[str, "NDArray[np.float64]"]

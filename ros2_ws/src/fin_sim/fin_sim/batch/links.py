@@ -86,7 +86,7 @@ def lane_constants(
         for p in range(3)
     ]
     solid_moments = [links["mass_per_area"] * length ** (p + 1) * (root / (p + 1) + change / (p + 2)) for p in range(3)]
-    resistive = -0.5 * water.density * (water.normal_drag if normal_drag is None else normal_drag)
+    resistive = -0.5 * water.density * (water.normal_drag if normal_drag is None else normal_drag) * water.resists
     normal = [v + s for v, s in zip(virtual_moments, solid_moments, strict=True)]
     constants = LaneLink(
         length=length,  # type: ignore[arg-type]  # columns here, numbers in the traced equations
@@ -96,7 +96,7 @@ def lane_constants(
         normal_second=normal[2],  # type: ignore[arg-type]
         virtual_mass=virtual_moments[0],  # type: ignore[arg-type]
         virtual_first=virtual_moments[1],  # type: ignore[arg-type]
-        tip_virtual=virtual * tip**2,  # type: ignore[arg-type]
+        tip_virtual=virtual * tip**2 * (water.wake == "lighthill"),  # type: ignore[arg-type]
         resistive_force=resistive * root * length / 3.0,  # type: ignore[arg-type]
         resistive_moment=resistive * root * length**2 / 12.0,  # type: ignore[arg-type]
         taper_force=resistive * change * length / 12.0,  # type: ignore[arg-type]

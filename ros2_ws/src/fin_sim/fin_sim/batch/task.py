@@ -10,7 +10,7 @@ import numpy as np
 
 from fin_plant import checks
 from fin_sim.batch.kernel import LANES
-from fin_sim.chain import CLAMPS, REACTIVE_FORMS, Clamp, Reactive
+from fin_sim.chain import CLAMPS, Clamp, Reactive, convective_form, refuse_unready
 
 if TYPE_CHECKING:
     from fin_plant.gait import Gait
@@ -109,6 +109,7 @@ def checked_task(
     if len(gait.joints) != fish.driven_joints:
         msg = f"gait has {len(gait.joints)} rows, the tail has {fish.driven_joints} driven joints: give one row a joint"
         raise ValueError(msg)
+    refuse_unready(fish.water)
     steps = max(LEAST_STEPS, int(np.ceil(duration / step - 1e-9)))
     return Task(
         fish=fish,
@@ -116,7 +117,7 @@ def checked_task(
         duration=duration,
         steps=steps,
         settle=min(settle, duration - 1e-3 * step),
-        reactive=cast("Reactive", checks.choice("reactive", reactive, REACTIVE_FORMS)),
+        reactive=convective_form(reactive, fish.water),
         clamp=cast("Clamp", checks.choice("clamp", clamp, CLAMPS)),
         tow_speed=checks.number("tow_speed", tow_speed, unit="m/s"),
         ramp_time=checks.number("ramp_time", ramp_time, 0.0, unit="s"),

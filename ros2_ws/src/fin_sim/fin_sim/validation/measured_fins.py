@@ -163,7 +163,7 @@ def readings(fins: Sequence[PrintedFin], most: int | None = None) -> list[Readin
     base = preset(FISH)
 
     def water(**changes: float) -> Preset:
-        return replace(base, fish=replace(base.fish, water=replace(base.fish.water, **changes)))
+        return replace(base, fish=replace(base.fish, water=replace(base.fish.water, **changes)))  # type: ignore[arg-type]
 
     def loss(time: float) -> Preset:
         return replace(base, fin=replace(base.fin, damping_time=time))
