@@ -17,10 +17,9 @@ from fin_optimizer.score.swim import SwimRecord, score_swim
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Evaluation, Space
 from fin_optimizer.study.journal import StudyError
-from fin_optimizer.study.simulated_curve import simulated_speed
+from fin_optimizer.study.simulated_curve import SimulatedFish
 from fin_optimizer.trial.recorder import Extent
 from fin_plant.fin import Fin, node_table
-from fin_plant.gait import PAPER_GAIT
 from fin_sim.paper_models import mathematical_model, simulation
 from fin_sim.presets import preset
 from fin_sim.swim import swim
@@ -69,9 +68,12 @@ def test_a_study_is_not_gone_on_with_by_another_gait_or_fin(tmp_path: Path, name
 
 def test_the_curve_behind_the_trials_is_the_mean_speed_over_the_window_that_is_scored() -> None:
     """Way over time between the window's ends, which no mean of speeds has a part in; other windows differ by 20 %."""
-    measurement = Measurement(settle=3.0, duration=2.0)
-    simulator = node_table("fin_sim", "simulator").checked({})
-    speed = simulated_speed(MODULUS, Fin(), PAPER_GAIT, measurement, simulator)(1.5e9)
+    plan = StudyPlan.from_parameters(
+        OPTIMIZER_PARAMETERS.checked({"measurement.settle": 3.0, "measurement.duration": 2.0})
+    )
+    fish = SimulatedFish.of(plan.settings, node_table("fin_sim", "simulator").checked({}))
+    assert fish is not None
+    speed = fish.speed({MODULUS: 1.5e9})
     swum = swim(Fin(young_modulus=1.5e9), duration=5.0)
     (start,), (end,) = np.nonzero(swum.time == 3.0), np.nonzero(swum.time == 5.0)
     way = float(np.hypot(swum.x[end] - swum.x[start], swum.y[end] - swum.y[start])[0])

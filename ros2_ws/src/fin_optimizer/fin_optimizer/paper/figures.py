@@ -19,6 +19,11 @@ from fin_optimizer.paper.comparison import (
     of_experiment,
     published_curves,
 )
+from fin_optimizer.paper.experiments import EXPERIMENTS, LENGTH, MODULUS, speeds
+from fin_optimizer.study.file_names import IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
+from fin_optimizer.study.importance import importances
+from fin_optimizer.study.space_drawing import Tried, draw_importance, draw_parallel
+from fin_optimizer.study.space_drawing import draw_slices as draw_slices_of
 from fin_plant.figures import empty_figure, own_style, try_to_draw
 from fin_sim.validation import measured_fins
 
@@ -34,6 +39,13 @@ if TYPE_CHECKING:
 _OURS, _THEIRS, _OTHER, _GREY = "#0b6aa2", "#c8553d", "#3a7d44", "#8a8a8a"
 _MANY = 50
 """Points from which on they are drawn small."""
+_OF_SEVERAL = ("shape", "cma")
+"""Experiments on several parameters."""
+_SEARCHED = {MODULUS: "young_modulus", LENGTH: "length"}
+_SLICE = 71
+"""Points of a curve through the best fin."""
+_MOST = 20_000
+"""Fins at most of which the importance is drawn: evenly chosen, for Optuna keeps an object a fin."""
 
 
 def _axes(title: str, *, width: float = 6.4) -> tuple[Figure, Axes]:
@@ -185,6 +197,42 @@ def _figure_7(results: Mapping[Run, Table]) -> Figure:
     return figure
 
 
+def _of_several(folder: Path, experiment: str, results: Mapping[Run, Table]) -> dict[Path, Callable[[], None]]:
+    """Return the pictures of an experiment on E and length, all its runs in one, each with what draws it."""
+    run = next(run for run in results if run.experiment == experiment)
+    space, tables = run.campaign.shape(), of_experiment(results, experiment)
+    columns = {
+        name: np.concatenate([t[column] for t in tables]) for name, column in (*_SEARCHED.items(), ("speed", "speed"))
+    }
+    known = np.isfinite(columns["speed"])
+    if not known.any():
+        return {}
+    numbers = np.column_stack([columns[name][known] for name in space.names])
+    tried = Tried(space.dimensions, numbers, columns["speed"][known] * CENTI)
+    best = space.values(numbers[tried.best])
+
+    def draw_slices(path: Path) -> None:
+        curves = {}
+        for dimension in space.ranges:
+            values = np.linspace(dimension.minimum, dimension.maximum, _SLICE)
+            fins = {name: np.full(_SLICE, value) for name, value in best.items()} | {dimension.name: values}
+            curves[dimension.name] = (values, speeds(fins, run.preset) * CENTI)
+        draw_slices_of(path, tried, simulated=curves, title=title)
+
+    title = f"{EXPERIMENTS[experiment].title}: {len(numbers)} fins of {len(tables)} runs"
+    some = slice(None, None, -(-len(numbers) // _MOST))
+    told = [space.values(row) for row in numbers[some]]
+    shares = importances(space, told, tried.scores[some].tolist())
+    draw: dict[str, Callable[[Path], None]] = {
+        SLICES_FILE: draw_slices,
+        PARALLEL_FILE: lambda path: draw_parallel(path, tried, title=title),
+    }
+    if shares:
+        draw[IMPORTANCE_FILE] = lambda path: draw_importance(path, space.dimensions, shares, len(told))
+    paths = {folder / f"{experiment}_{name}": each for name, each in draw.items()}
+    return {path: partial(each, path) for path, each in paths.items()}
+
+
 def _save(draw: Callable[[Mapping[Run, Table]], Figure], results: Mapping[Run, Table], path: Path) -> None:
     draw(results).savefig(path)
 
@@ -214,4 +262,11 @@ def write(
                     warn(failure)
                 else:
                     paths.append(path)
+    for experiment in _OF_SEVERAL:
+        wanted = _of_several(folder, experiment, results) if experiment in done else {}
+        for path, draw_it in wanted.items():
+            if failure := try_to_draw(path, draw_it):
+                warn(failure)
+            else:
+                paths.append(path)
     return paths

@@ -12,6 +12,8 @@ report           table of all trials
 final_report     what a study leaves, and the sentences that say what was found
 pictures         which pictures a study gets
 drawing          how they are drawn
+space_drawing    the same for a space of several parameters
+importance       which parameter decides
 simulated_curve  the simulator's speed behind the trials
 resume_check     whether the scores of a study still follow from its bags
 provenance       which versions swam

@@ -45,7 +45,7 @@ def draw_speed(
         simulated: The simulator's speed over that parameter, drawn behind the trials; None for a robot.
         title: Heading, for example the fish and its gait.
     """
-    factor = _factor(dimension)
+    factor = axis_scale(dimension)
     figure, axes = _axes(title)
     if simulated is not None:
         values, speeds = np.asarray(simulated[0]) / factor, np.asarray(simulated[1]) / CM
@@ -53,7 +53,7 @@ def draw_speed(
     _draw_trials(axes, trials, dimension)
     if best is not None and best.score is not None:
         _mark_best(axes, best, dimension)
-    _dress(axes, "x", dimension)
+    dress(axes, "x", dimension)
     axes.set_ylabel("mean forward speed (cm/s)")
     _save(figure, axes, path)
 
@@ -96,8 +96,8 @@ def draw_map(
             axes.plot(*places(without), marker, color="tab:red", label=f"{outcome.value} ({len(without)})", zorder=2)
     if best is not None and best.score is not None:
         _ring(axes, *places([best]), f"best: {show_values(best.values)}, {show_speed(best.score)}")
-    _dress(axes, "x", across)
-    _dress(axes, "y", up)
+    dress(axes, "x", across)
+    dress(axes, "y", up)
     _save(figure, axes, path, below=True)
 
 
@@ -186,17 +186,17 @@ def _axes(title: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def _factor(dimension: AnyDimension) -> float:
+def axis_scale(dimension: AnyDimension) -> float:
     """Return what stands for 1 on an axis, in SI; choices stand at their places."""
     return 1.0 if isinstance(dimension, Choice) else in_words(dimension.name)[1]
 
 
 def _place(dimension: AnyDimension, values: Mapping[str, Any]) -> float:
     """Return where a candidate stands on a parameter's axis."""
-    return dimension.number(values[dimension.name]) / _factor(dimension)
+    return dimension.number(values[dimension.name]) / axis_scale(dimension)
 
 
-def _dress(axes: Axes, which: Literal["x", "y"], dimension: AnyDimension) -> None:
+def dress(axes: Axes, which: Literal["x", "y"], dimension: AnyDimension) -> None:
     """Give an axis its parameter's label, range and scale, or its choices' names."""
     if isinstance(dimension, Choice):
         factor = in_words(dimension.name)[1]
@@ -204,10 +204,11 @@ def _dress(axes: Axes, which: Literal["x", "y"], dimension: AnyDimension) -> Non
         axes.set(**{f"{which}ticks": range(dimension.count), f"{which}ticklabels": shown})
     elif dimension.log:
         axes.set(**{f"{which}scale": "log"})
-    axes.set(**{f"{which}label": _label(dimension), f"{which}lim": _limits(dimension)})
+    axes.set(**{f"{which}label": axis_label(dimension), f"{which}lim": _limits(dimension)})
 
 
-def _label(dimension: AnyDimension) -> str:
+def axis_label(dimension: AnyDimension) -> str:
+    """Return what stands at a parameter's axis: its name and the unit in which it is told."""
     word, _, unit = in_words(dimension.name)
     name = "Young's modulus E" if dimension.name == MODULUS else word
     return f"{name} ({unit})" if unit else name
@@ -216,7 +217,7 @@ def _label(dimension: AnyDimension) -> str:
 def _limits(dimension: AnyDimension) -> tuple[float, float]:
     if isinstance(dimension, Choice):
         return dimension.low, dimension.high
-    factor = _factor(dimension)
+    factor = axis_scale(dimension)
     if dimension.log:
         margin = (dimension.maximum / dimension.minimum) ** 0.02
         return dimension.minimum / margin / factor, dimension.maximum * margin / factor
@@ -230,6 +231,11 @@ def _save(figure: Figure, axes: Axes, path: Path, *, below: bool = False) -> Non
         figure.legend(frameon=False, loc="outside lower center", ncols=4)
     elif axes.get_legend_handles_labels()[0]:
         axes.legend(frameon=False, loc="best")
+    save_whole(figure, path)
+
+
+def save_whole(figure: Figure, path: Path) -> None:
+    """Write a picture; an older one is replaced as a whole or not at all."""
     partial = path.with_name(f"{path.stem}.partial{path.suffix}")
     try:
         figure.savefig(partial)

@@ -5,3 +5,8 @@ JOURNAL_FILE = "journal.log"
 BAG_FOLDER = "bags"
 FIGURE_FILE = "speed_over_modulus.png"
 FRONT_FILE = "pareto_front.png"
+PARALLEL_FILE = "parallel_coordinates.png"
+SLICES_FILE = "slices.png"
+IMPORTANCE_FILE = "importance.png"
+PICTURES = (FIGURE_FILE, FRONT_FILE, SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE)
+"""All that a study may have; the first of them is drawn of each."""

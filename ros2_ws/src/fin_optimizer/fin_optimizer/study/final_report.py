@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.study import report
 from fin_optimizer.study.candidate import front
-from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
+from fin_optimizer.study.file_names import FIGURE_FILE, PICTURES
 from fin_optimizer.study.pictures import draw_study
 from fin_optimizer.study.settings import Objective
 from fin_optimizer.words import near, show_speed, show_values
@@ -46,7 +46,7 @@ def findings(study: Study) -> list[str]:
         found = [f"best of {_swum(study)}: {show_values(best.values)} swims {show_speed(best.score)}"]
         if study.settings.objective is Objective.SPEED_AND_COST:
             found += _front(study)
-    names = (report.CSV_FILE, FIGURE_FILE, FRONT_FILE, "journal.log", "bags")
+    names = (report.CSV_FILE, *PICTURES, "journal.log", "bags")
     there = [name for name in names if (study.folder / name).exists()]
     return [*found, f"results: {near(study.folder)}/ ({', '.join(there)})"]
 

@@ -2,36 +2,47 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from fin_optimizer.gait_parameters import beat_of, describe_gait, gait_from_parameters
-from fin_optimizer.score.mean_speed import Measurement
+import numpy as np
+
+from fin_optimizer.gait_parameters import describe_gait, gait_from_parameters
 from fin_optimizer.search.space import Choice
-from fin_optimizer.study import drawing
+from fin_optimizer.study import drawing, space_drawing
 from fin_optimizer.study.candidate import candidates, fastest, front
-from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
+from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
+from fin_optimizer.study.importance import importances
 from fin_optimizer.study.report import varied
 from fin_optimizer.study.settings import Objective
-from fin_optimizer.study.simulated_curve import can_be_computed, simulated_speed, speed_over_range
+from fin_optimizer.study.simulated_curve import SimulatedFish, speed_over_range, values_along
+from fin_optimizer.words import CM
 from fin_plant.figures import try_to_draw
 from fin_plant.fin import AREA, Fin
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
+    from fin_optimizer.search.space import Space
     from fin_optimizer.study.candidate import Candidate, TrialRecord
     from fin_optimizer.study.settings import Settings
     from fin_optimizer.study.simulated_curve import SpeedCurve
 
 _FREQUENCY, _AMPLITUDE = "gait.frequency", "gait.amplitude"
-_SETTLE, _DURATION = "measurement.settle", "measurement.duration"
+_DURATION = "measurement.duration"
+_POINTS = 25
+"""Of a slice; each is a swim."""
 
 
 def draw_study(
     path: Path, settings: Settings, trials: Sequence[TrialRecord], fish: Mapping[str, object]
 ) -> tuple[list[Path], list[str]]:
-    """Draw speed over what was searched, and where the study is about the cost too the Pareto front beside it.
+    """Draw speed over what was searched, and beside it what else tells something of the study.
+
+    That is the Pareto front where it is about the cost too, and where several parameters were searched slices through
+    the best candidate, parallel coordinates and, of enough candidates, which parameter decides.
 
     Args:
         path: Where to write the first picture, in the format that its name ends in.
@@ -45,12 +56,74 @@ def draw_study(
     tried = candidates(trials)
     wanted = {path: lambda: _draw_speed(path, settings, trials, fish)}
     if settings.objective is Objective.SPEED_AND_COST:
-        beside = path.with_name(FRONT_FILE).with_suffix(path.suffix)
-        if path.name != FIGURE_FILE:
-            beside = path.with_stem(f"{path.stem}_pareto_front")
-        wanted[beside] = lambda: drawing.draw_front(beside, tried, front(tried), title=title(settings, tried))
+        there = _beside(path, FRONT_FILE)
+        wanted[there] = lambda: drawing.draw_front(there, tried, front(tried), title=title(settings, tried))
+    if len(settings.space.dimensions) > 1:
+        wanted |= _of_several(path, settings, tried, fish)
     failures = {each: try_to_draw(each, draw) for each, draw in wanted.items()}
     return [each for each, why in failures.items() if not why], [why for why in failures.values() if why]
+
+
+def _beside(path: Path, name: str) -> Path:
+    """Return where another picture goes: beside the first, under a name that belongs to it."""
+    if path.name != FIGURE_FILE:
+        return path.with_stem(f"{path.stem}_{name.partition('.')[0]}")
+    return path.with_name(name).with_suffix(path.suffix)
+
+
+def _of_several(
+    path: Path, settings: Settings, tried: Sequence[Candidate], fish: Mapping[str, object]
+) -> dict[Path, Callable[[], None]]:
+    """Return the pictures of a space of several parameters, each with what draws it."""
+    arrays, heading = as_arrays(settings, tried), title(settings, tried)
+    slices, parallel, importance = (_beside(path, name) for name in (SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE))
+    best = fastest(tried)
+    simulated = SimulatedFish.of(settings, fish)
+
+    def draw_slices() -> None:
+        curves = None
+        if best is not None and simulated is not None:
+            curves = slices_through(settings.space, best.values, simulated.speed)
+        space_drawing.draw_slices(slices, arrays, simulated=curves, title=heading)
+
+    wanted: dict[Path, Callable[[], None]] = {
+        slices: draw_slices,
+        parallel: lambda: space_drawing.draw_parallel(parallel, arrays, title=heading),
+    }
+    scored = [candidate for candidate in tried if candidate.score is not None]
+    shares = importances(settings.space, [c.values for c in scored], [c.score or 0.0 for c in scored])
+    if shares:
+        wanted[importance] = lambda: space_drawing.draw_importance(
+            importance, settings.space.dimensions, shares, len(scored)
+        )
+    return wanted
+
+
+def as_arrays(settings: Settings, tried: Sequence[Candidate]) -> space_drawing.Tried:
+    """Return the candidates with a score as arrays, speeds in cm/s."""
+    scored = [candidate for candidate in tried if candidate.score is not None]
+    numbers = np.array([settings.space.row(candidate.values) for candidate in scored])
+    speeds = np.array([(candidate.score or 0.0) / CM for candidate in scored])
+    return space_drawing.Tried(settings.space.dimensions, numbers, speeds)
+
+
+def slices_through(
+    space: Space, best: Mapping[str, Any], speed: Callable[[Mapping[str, Any]], float], points: int = _POINTS
+) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Return of each parameter its values in SI, and the speed in cm/s with all others as a candidate has them.
+
+    Args:
+        space: What was searched.
+        best: The candidate.
+        speed: Of a candidate in m/s, NaN where it cannot be.
+        points: Of a range; a choice has all of its values.
+    """
+    curves = {}
+    for dimension in space.dimensions:
+        values = values_along(dimension, points)
+        speeds = np.array([speed({**best, dimension.name: value}) for value in values]) / CM
+        curves[dimension.name] = (np.array([dimension.number(value) for value in values]), speeds)
+    return curves
 
 
 def _draw_speed(path: Path, settings: Settings, trials: Sequence[TrialRecord], fish: Mapping[str, object]) -> None:
@@ -66,21 +139,13 @@ def _draw_speed(path: Path, settings: Settings, trials: Sequence[TrialRecord], f
 
 def _simulated(settings: Settings, fish: Mapping[str, object]) -> SpeedCurve | None:
     """Return the simulator's speed over what was searched, None where the fish that swam cannot be computed."""
-    details = cast("Mapping[str, float]", settings.details)
-    if not can_be_computed(fish) or not {_FREQUENCY, _AMPLITUDE, _SETTLE, _DURATION} <= details.keys():
-        return None
     (dimension,) = settings.space.dimensions
     if isinstance(dimension, Choice) or settings.rules is not None:
         return None
-    fin = Fin.from_parameters(settings.fin_of({dimension.name: dimension.minimum}))
-    gait = gait_from_parameters(details)
-    measurement = Measurement(details[_SETTLE], details[_DURATION], block=beat_of(gait))
-    parameters = {name: value for name, value in fish.items() if name != "plant"}
-    try:
-        speed = simulated_speed(dimension.name, fin, gait, measurement, parameters)  # type: ignore[arg-type]
-    except (LookupError, ValueError):  # an older version's simulator, which had other parameters
+    computed = SimulatedFish.of(settings, fish)
+    if computed is None:
         return None
-    return speed_over_range(dimension, speed)
+    return speed_over_range(dimension, lambda value: computed.speed({dimension.name: value}))
 
 
 def title(settings: Settings, tried: Sequence[Candidate]) -> str:

@@ -1,26 +1,34 @@
-"""The simulator's speed over a parameter, computed without ROS, to draw behind the trials of a study."""
+"""The simulator's speed at any candidate of a study, computed without ROS, to draw behind its trials."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
+
+from fin_optimizer.search.rules import gait_of
+from fin_optimizer.search.space import Choice
+from fin_optimizer.study.settings import sent_parameters
+from fin_plant.fin import Fin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from fin_optimizer.score.mean_speed import Measurement
-    from fin_optimizer.search.space import Dimension
-    from fin_plant.fin import Fin
+    from fin_optimizer.search.space import AnyDimension, Dimension, Scalar
+    from fin_optimizer.study.settings import Settings
     from fin_plant.gait import Gait
     from fin_plant.parameters import Value
+    from fin_sim.swim_result import Swim
 
     SpeedCurve = tuple[Sequence[float], Sequence[float]]
     """Values of the parameter in SI units, and the speed in m/s at each."""
 
 _POINTS = 71
 _OF_A_COMPUTED_FISH = {"body.length", "water.density", "sample_rate"}
+_GAIT = {"gait.frequency", "gait.amplitude"}
+SETTLE, DURATION = "measurement.settle", "measurement.duration"
 
 
 def can_be_computed(fish: Mapping[str, object]) -> bool:
@@ -28,47 +36,107 @@ def can_be_computed(fish: Mapping[str, object]) -> bool:
     return fish.keys() >= _OF_A_COMPUTED_FISH
 
 
-def simulated_speed(
-    name: str, fin: Fin, gait: Gait, measurement: Measurement, simulator: Mapping[str, Value]
-) -> Callable[[float], float]:
-    """Return the mean forward speed in m/s as a function of one parameter of the fin.
+@dataclass(frozen=True)
+class SimulatedFish:
+    """The fish of a study, if the simulator can swim it.
 
-    Args:
-        name: The parameter, for example ``fin.young_modulus``.
-        fin: All other parameters of the fin.
-        gait: What the fish swims.
-        measurement: Which part of the swim counts.
-        simulator: The simulator's parameters, which describe its fish.
+    Attributes:
+        settings: Of the study.
+        parameters: The simulator's, which describe the fish.
     """
-    # Numba takes a second to load, which only the end of a study spends.
-    from fin_sim.fish import Fish  # noqa: PLC0415
-    from fin_sim.swim import swim  # noqa: PLC0415
 
-    fish = Fish.from_parameters(simulator)
-    number = cast("Mapping[str, float]", simulator)
-    limited = gait.limited(number["limits.sweep"], number["limits.frequency"])
-    sample_time = 1.0 / number["sample_rate"]
-    field = name.removeprefix("fin.")
+    settings: Settings
+    parameters: Mapping[str, Value]
 
-    def speed(value: float) -> float:
-        varied: Any = {field: value}
-        result = swim(
-            fin=replace(fin, **varied),
-            fish=fish,
-            gait=limited,
-            duration=measurement.settle + measurement.duration,
-            reactive=simulator["reactive"],  # type: ignore[arg-type]
+    @classmethod
+    def of(cls, settings: Settings, fish: Mapping[str, object]) -> Self | None:
+        """Return the fish that swam a study, None where it cannot be computed.
+
+        Args:
+            settings: Of the study; one of an older version may lack the gait.
+            fish: What swam, as the journal has it.
+        """
+        told = settings.details.keys() | set(settings.space.names)  # a gait that is searched is no setting
+        if not can_be_computed(fish) or not told >= {*_GAIT, SETTLE, DURATION}:
+            return None
+        parameters = cast("Mapping[str, Value]", {name: value for name, value in fish.items() if name != "plant"})
+        from fin_sim.fish import Fish  # noqa: PLC0415  (Numba takes a second to load)
+
+        try:
+            Fish.from_parameters(parameters)
+        except (LookupError, ValueError):  # an older version's simulator, which had other parameters
+            return None
+        return cls(settings, parameters)
+
+    @property
+    def settle(self) -> float:
+        """Time of a swim before what counts, s."""
+        return cast("float", self.settings.details[SETTLE])
+
+    @property
+    def duration(self) -> float:
+        """Time of a swim that counts, s."""
+        return cast("float", self.settings.details[DURATION])
+
+    def fin_and_gait(self, values: Mapping[str, Any]) -> tuple[Fin, Gait]:
+        """Return what a plant is sent for a candidate.
+
+        Raises:
+            ValueError: The candidate cannot be; the message says why.
+        """
+        rules, start = self.settings.rules, sent_parameters(self.settings.details)
+        if rules is not None and (why := rules.judge(start, values)):
+            raise ValueError(why)
+        sent = {**start, **self.settings.sent(values)}
+        return Fin.from_parameters(sent), gait_of(sent)
+
+    def swim(self, values: Mapping[str, Any]) -> Swim:
+        """Swim a candidate as long as in a trial.
+
+        Raises:
+            ValueError: The candidate cannot be, or cannot swim; the message says why.
+        """
+        # Numba takes a second to load, which only the end of a study spends.
+        from fin_sim.fish import Fish  # noqa: PLC0415
+        from fin_sim.swim import swim  # noqa: PLC0415
+
+        fin, gait = self.fin_and_gait(values)
+        number = cast("Mapping[str, float]", self.parameters)
+        sample_time = 1.0 / number["sample_rate"]
+        return swim(
+            fin=fin,
+            fish=Fish.from_parameters(self.parameters),
+            gait=gait.limited(number["limits.sweep"], number["limits.frequency"]),
+            duration=self.settle + self.duration,
+            reactive=self.parameters["reactive"],  # type: ignore[arg-type]
             ramp_time=number["drive.ramp_time"],
             step=sample_time,  # a step a sample is within 1e-6 of the simulator's speed, and four times as fast
             sample_time=sample_time,
         )
-        counted = result.time >= measurement.settle
-        return float(np.trapezoid(result.surge[counted], result.time[counted]) / measurement.duration)
 
-    return speed
+    def speed(self, values: Mapping[str, Any]) -> float:
+        """Return the mean forward speed of a candidate in m/s as a trial scores it; NaN where it cannot be."""
+        try:
+            swum = self.swim(values)
+        except (ArithmeticError, ValueError):
+            return math.nan
+        counted = swum.time >= self.settle
+        return float(np.trapezoid(swum.surge[counted], swum.time[counted]) / self.duration)
 
 
 def speed_over_range(dimension: Dimension, speed: Callable[[float], float], points: int = _POINTS) -> SpeedCurve:
     """Return the curve of ``speed`` (SI to m/s) over the whole range of a parameter."""
     values = np.linspace(dimension.minimum, dimension.maximum, points)
     return [float(value) for value in values], [speed(float(value)) for value in values]
+
+
+def values_along(dimension: AnyDimension, points: int) -> list[Scalar]:
+    """Return values of a parameter over its whole range, each once: choices all, a range's evenly as it is searched."""
+    if isinstance(dimension, Choice):
+        return list(dimension.choices)
+    count = points if dimension.count is None else min(points, dimension.count)
+    inset = 0.0 if dimension.count is None else 0.5 * (dimension.high - dimension.low) / dimension.count
+    if dimension.log:
+        inset = 0.0
+    numbers = dimension.numbers(np.linspace(dimension.low + inset, dimension.high - inset, count))
+    return list(dict.fromkeys(dimension.value(float(number)) for number in numbers))
