@@ -32,6 +32,7 @@ ROSDEP_KEYS = {
     "numba": "python3-numba",
     "numpy": "python3-numpy",
     "optuna": None,
+    "optuna_dashboard": None,
     "platformdirs": "python3-platformdirs",
     "pyarrow": None,
     "rich": "python3-rich",

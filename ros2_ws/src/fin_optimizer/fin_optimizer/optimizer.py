@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import sys
 import time
 from enum import Enum
@@ -24,6 +25,7 @@ from fin_optimizer.study import final_report
 from fin_optimizer.study.candidate import is_for_another
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.provenance import provenance
+from fin_optimizer.study.records import VALUES
 from fin_optimizer.study.report import CSV_FILE
 from fin_optimizer.study.resume_check import check_scores
 from fin_optimizer.trial.result import Outcome, Result
@@ -226,7 +228,13 @@ class Optimizer:
         started = record.started.isoformat() if record.started is not None else ""
         gait = self._plan.gait_of(record.values)
         joints = {f"gait.joint_{i}": repr(joint) for i, joint in enumerate(gait.joints, start=1)}
-        told = {"trial.candidate": str(record.candidate), "trial.started": started, **self._metadata, **joints}
+        told = {
+            "trial.candidate": str(record.candidate),
+            VALUES: json.dumps(record.values),
+            "trial.started": started,
+            **self._metadata,
+            **joints,
+        }
         self._records[swimmer] = record
         fin, bag = self._plan.fin_of(record.values), self._study.folder / record.bag
         swimmer.begin(record.number, fin, bag, told, (gait, self._plan.measurement_of(gait)))

@@ -26,6 +26,7 @@ from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from fin_optimizer.search.space import Search
     from fin_optimizer.search.space_file import SpaceFile
@@ -131,6 +132,21 @@ class StudyPlan:
             settings=settings,
             files={} if given is None else given.files,
         )
+
+    @classmethod
+    def of_study(cls, folder: Path) -> Self:
+        """Return the plan with which the study in a folder is gone on.
+
+        Raises:
+            ValueError: Its settings cannot be read, or are not those that this version makes of them.
+        """
+        settings = read_settings(folder)
+        given = {name: value for name, value in settings.flat().items() if name in OPTIMIZER_PARAMETERS}
+        plan = cls.from_parameters(OPTIMIZER_PARAMETERS.checked({**given, "study_folder": str(folder)}))
+        if differs := settings.differences(plan.settings):
+            msg = f"{folder} was begun by a version with other settings: {'; '.join(differs)}"
+            raise ValueError(msg)
+        return plan
 
     def gait_of(self, values: Mapping[str, Any]) -> Gait:
         """Return the gait of a candidate."""

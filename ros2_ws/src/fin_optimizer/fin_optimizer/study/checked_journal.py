@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from optuna.storages import JournalStorage
 from optuna.storages.journal import BaseJournalBackend, JournalFileOpenLock
 
-from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.journal import RESTORE, StudyError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,16 +53,20 @@ class CheckedJournal(BaseJournalBackend):
             self._lock.release()
 
 
-def storage_of(lines: JournalLines) -> JournalStorage:
+def storage_of(lines: JournalLines, kind: type[CheckedJournal] = CheckedJournal) -> JournalStorage:
     """Return Optuna's storage with all that the journal holds; nothing is changed.
+
+    Args:
+        lines: Of the journal, of which nothing was read yet.
+        kind: What Optuna reads and appends through.
 
     Raises:
         StudyError: The journal cannot be read.
     """
     try:
-        return JournalStorage(CheckedJournal(lines))
+        return JournalStorage(kind(lines))
     except StudyError:
         raise
     except WRONG_CONTENT as error:
-        msg = f"{lines.journal} is damaged ({type(error).__name__}: {error}): restore it from a copy"
+        msg = f"{lines.journal} is damaged ({type(error).__name__}: {error}): {RESTORE}"
         raise StudyError(msg) from error

@@ -33,6 +33,8 @@ class StudyError(ValueError):
 STUDY_NAME = "study"
 """Of the one study in a journal."""
 END_FILE = "journal.end"
+RESTORE = "restore it from a copy, or let recover_study keep what is whole of it and take the rest from the bags"
+"""What to do with a journal that cannot be used."""
 # Left by a process that was killed between taking and releasing it; a living one holds it for milliseconds. Only the
 # study's one optimiser and, rarely, somebody's dashboard write.
 _STALE_LOCK_SECONDS = 1.0
@@ -142,7 +144,7 @@ class JournalLines:
             file.flush()
             os.fsync(file.fileno())
         with suppress(OSError):  # one that lags behind misses nothing that is there
-            _write_end(self.journal, self._origin, self.count + len(operations))
+            write_end(self.journal, self._origin, self.count + len(operations))
 
     def check_end(self) -> None:
         """Look at what was read first as a whole, and note what a user should know of.
@@ -156,7 +158,7 @@ class JournalLines:
             holds = f"holds {self.count}" if self.journal.exists() else "is not there"
             msg = (
                 f"{self.journal} {holds} and had {self._end} entries: the last {missing} are missing. "
-                f"Restore it from a copy; if there is none, delete {END_FILE} to go on with what is left"
+                f"{RESTORE.capitalize()}"
             )
             raise StudyError(msg)
         if missing == 1 and not self.cut():
@@ -173,6 +175,11 @@ class JournalLines:
             lines = ", ".join(map(str, self.remarks))
             self.notes.append(f"{self.journal.name} line {lines}: a remark of another program, which changes no trial")
 
+    @property
+    def whole_bytes(self) -> int:
+        """Length in bytes of the lines read so far."""
+        return self._offset
+
     def cut(self) -> int:
         """Return the length in bytes of a last line that was cut short, often 0."""
         return self.journal.stat().st_size - self._offset if self.journal.exists() else 0
@@ -183,7 +190,7 @@ class JournalLines:
         try:
             operation = json.loads(line)
         except (ValueError, RecursionError) as error:
-            msg = f"{where} is damaged ({error}): restore the file from a copy"
+            msg = f"{where} is damaged ({error}): {RESTORE}"
             raise StudyError(msg) from error
         summed = line[-_SUFFIX:].startswith(_SUM_HEAD)
         total = check_sum(self._sum.encode(), line[:-_SUFFIX] if summed else line)
@@ -203,11 +210,12 @@ class JournalLines:
             lines = f"lines 1 to {number}" if number > 1 else "line 1"
             return (
                 f"{self.journal}: the check sum of line {number} does not fit {lines} and the study's settings: one of "
-                "them was changed, or it is the journal of another study. Put back the files that belong together"
+                "them was changed, or it is the journal of another study. Put back the files that belong together, "
+                "or let recover_study make the journal anew from the bags"
             )
         return (
             f"{self.journal}: line {number} is damaged: its check sum does not fit it and the lines before it. It was "
-            "changed, or a line was taken away, doubled or moved: restore the file from a copy"
+            f"changed, or a line was taken away, doubled or moved: {RESTORE}"
         )
 
     def _check_operation(self, where: str, operation: object, *, summed: bool) -> None:
@@ -217,7 +225,7 @@ class JournalLines:
             StudyError: It cannot be what this program wrote.
         """
         if not isinstance(operation, dict) or type(operation.get("op_code")) is not int:
-            msg = f"{where} is damaged (it is no operation of a journal): restore the file from a copy"
+            msg = f"{where} is damaged (it is no operation of a journal): {RESTORE}"
             raise StudyError(msg)
         code = operation["op_code"]
         if code in _NOT_OURS:
@@ -256,17 +264,14 @@ class JournalLines:
         if begins and (self.count or operation.get("study_name") != STUDY_NAME):
             raise StudyError(self._foreign(where, f"begins another study, {operation.get('study_name')!r}"))
         if not self.count and not begins:
-            msg = f"{where} does not begin the study: the lines before it are missing, restore the file from a copy"
+            msg = f"{where} does not begin the study: the lines before it are missing, {RESTORE}"
             raise StudyError(msg)
         if operation.get("study_id", 0) != 0 or not 0 <= operation.get("trial_id", 0) < max(1, self._trials):
-            msg = f"{where} is about a study or a trial that was never begun: it is damaged, restore it from a copy"
+            msg = f"{where} is about a study or a trial that was never begun: it is damaged, {RESTORE}"
             raise StudyError(msg)
 
     def _foreign(self, where: str, what: str) -> str:
-        ways = f"restore the file from a copy, or keep only its first {self.count} lines to go on without the change"
-        if not self.count:
-            ways = "restore the file from a copy"
-        return f"{where} {what}, which this program never does: another one changed the journal; {ways}"
+        return f"{where} {what}, which this program never does: another one changed the journal; {RESTORE}"
 
     def _take_in_without_sum(self, number: int, operation: Operation) -> None:
         """Note a line without a check sum.
@@ -288,7 +293,12 @@ def _end_text(origin: str, count: int) -> str:
     return f"{said} {check_sum(origin.encode(), said.encode())}\n"
 
 
-def _write_end(journal: Path, origin: str, count: int) -> None:
+def write_end(journal: Path, origin: str, count: int) -> None:
+    """Write down how many lines a journal has, beside it.
+
+    Raises:
+        OSError: The disk refuses.
+    """
     descriptor = os.open(journal.with_name(END_FILE), os.O_WRONLY | os.O_CREAT, 0o666)
     try:
         os.pwrite(descriptor, _end_text(origin, count).encode(), 0)

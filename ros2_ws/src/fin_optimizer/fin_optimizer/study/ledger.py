@@ -1,6 +1,6 @@
 """The ledger of a study: which fins were tried, what came of them, and what must be tried next.
 
-The ledger is an Optuna study in a journal file, so `optuna-dashboard FOLDER/journal.log` shows it. The journal is only
+The ledger is an Optuna study in a journal file, so Optuna's dashboard shows it. The journal is only
 appended to, each entry is on the disk before the call returns, and an entry is written before a trial starts and after
 it ends.
 
@@ -233,6 +233,37 @@ class Study:
             # Last, since it makes the trial count: a kill before it leaves the trial open, and it is made again.
             self._storage.set_trial_state_values(self._ids[number], STATE_OF[result.outcome], values)
         return self._refreshed(number)
+
+    def put_back(self, record: TrialRecord) -> None:
+        """Write down a trial that ended long ago, all of it at once: for a journal that is made anew.
+
+        Args:
+            record: As the journal had it; its number follows the last one's.
+
+        Raises:
+            StudyError: The disk refused. The journal is as before.
+        """
+        about: dict[str, object] = {"candidate": record.candidate, "bag": record.bag, "plant": record.plant}
+        values = None
+        if record.score is not None:
+            about |= {"spread": record.spread, "samples": record.samples}
+            values = [record.score] if record.cost is None else [record.score, record.cost]
+        else:
+            about |= {"interrupted": record.outcome is Outcome.INTERRUPTED, "reason": record.reason}
+        trial = optuna.create_trial(
+            state=STATE_OF[record.outcome],
+            values=values,
+            params=self.settings.space.check(record.values),
+            distributions=self._distributions,
+            user_attrs=about,
+        )
+        trial.datetime_start, trial.datetime_complete = (
+            None if moment is None else moment.astimezone().replace(tzinfo=None)
+            for moment in (record.started, record.ended)
+        )
+        with whole_entries(self._journal):
+            self._ids.append(self._storage.create_new_trial(self._study_id, trial))
+        self._refreshed(len(self._ids) - 1)
 
     def __enter__(self) -> Self:
         return self

@@ -19,7 +19,7 @@ from fin_optimizer.study.candidate import TrialRecord
 from fin_optimizer.study.checked_journal import WRONG_CONTENT, storage_of
 from fin_optimizer.study.file_names import JOURNAL_FILE, SETTINGS_FILE
 from fin_optimizer.study.folder import bags_in, read_settings, settings_and_sum
-from fin_optimizer.study.journal import STUDY_NAME, JournalLines, StudyError
+from fin_optimizer.study.journal import RESTORE, STUDY_NAME, JournalLines, StudyError
 from fin_optimizer.study.settings import begun_by_default
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import trial_name
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
 FISH = "fish"
 """Of the study in Optuna's ledger: what swims."""
+VALUES = "trial.values"
+"""Of a bag's metadata: what was searched of the candidate, as JSON. Bags of older versions tell the fin alone."""
 
 _KILLED = "the optimiser's process ended before the trial did"
 
@@ -119,7 +121,7 @@ def read_checked(
         _check_trials(trials, settings)
     except WRONG_CONTENT as error:
         what = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-        msg = f"{lines.journal} is damaged or was changed by another program ({what}): restore it from a copy"
+        msg = f"{lines.journal} is damaged or was changed by another program ({what}): {RESTORE}"
         raise StudyError(msg) from error
     beyond = [name for number, name in bags if number >= len(trials)]
     if beyond:
@@ -127,10 +129,7 @@ def read_checked(
         if len(beyond) == 1:
             lie = f"the bag of a later trial lies beside it ({beyond[0]})"
         knows = f"knows {len(trials)} trials" if lines.count else "is empty" if lines.journal.exists() else "is missing"
-        msg = (
-            f"{lines.journal} {knows}, but {lie}: restore the journal from a copy, or move what lies beside it "
-            "elsewhere to go on without it"
-        )
+        msg = f"{lines.journal} {knows}, but {lie}: {RESTORE}. To go on without those, move them elsewhere"
         raise StudyError(msg)
     return storage, trials, lines
 

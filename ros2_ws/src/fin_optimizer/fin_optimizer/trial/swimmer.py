@@ -16,16 +16,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.messages import BagError
-from fin_optimizer.score.mean_speed import NotThisSwimError, ScoreError
-from fin_optimizer.score.swim import score_swim
 from fin_optimizer.trial.gait_check import cut_gait
 from fin_optimizer.trial.observer import Observer
 from fin_optimizer.trial.phases import Action, Rule
 from fin_optimizer.trial.plant_client import PlantClient
 from fin_optimizer.trial.recorder import LONGEST_PAUSE, Recorder
 from fin_optimizer.trial.result import Outcome, Result
+from fin_optimizer.trial.scored import result_of
 from fin_optimizer.trial.trial import Trial
-from fin_optimizer.words import show_speed
 from fin_plant import topics
 from fin_plant.plant_state import State
 
@@ -299,18 +297,7 @@ class Swimmer:
     def _scored(self, trial: Trial) -> Result:
         if trial.window is None:
             return Result(Outcome.FAILED, "the fish never swam")
-        wants_cost = self._conditions.wants_cost
-        try:
-            scored, cost = score_swim(self._recorder.swim(self._told), with_cost=wants_cost)
-        except NotThisSwimError as error:
-            return Result(Outcome.INTERRUPTED, error.reason)
-        except ScoreError as error:
-            return Result(Outcome.FAILED, error.reason)
-        if wants_cost and cost is None:
-            reason = f"swims {show_speed(scored.value)}: without headway there is no energy per metre"
-            return Result(Outcome.INFEASIBLE, reason)
-        spread = scored.spread if math.isfinite(scored.spread) else None
-        return Result(Outcome.OK, score=scored.value, spread=spread, cost=cost, samples=scored.samples)
+        return result_of(self._recorder.swim(self._told), wants_cost=self._conditions.wants_cost)
 
     # -- how the fish is ---------------------------------------------------------------------------------------------
 
