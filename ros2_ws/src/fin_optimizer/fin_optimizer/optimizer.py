@@ -50,7 +50,7 @@ _IDLE_PERIOD = 0.1
 _ARRIVAL = 5.0
 """s in which several fish, started beside the optimiser, may appear without a word about it."""
 _FIRST_WORD = 15.0
-"""s for which the first trial waits for a plant's first word, which tells the limits of the gait."""
+"""s for which the first trial waits at most for a plant's first word, which tells the limits of the gait."""
 _DISCOVERY = 0.5
 """s before the first trial: a second plant must have been seen before the first one is spoken to."""
 
@@ -204,7 +204,7 @@ class Optimizer:
         for swimmer in self._swimmers:
             if swimmer.trial is not None or not self._takes_part(swimmer):
                 continue
-            if swimmer.plant.state is None and now - self._start_at < _FIRST_WORD:
+            if swimmer.plant.state is None and now - self._start_at < min(_FIRST_WORD, self._plan.timeouts.find):
                 continue  # its limits are looked at before anything is proposed
             if swimmer.cut_gait:
                 self._give_up(f"{swimmer.namespace}: {swimmer.cut_gait}")
