@@ -23,6 +23,7 @@ ROSDEP_KEYS = {
     "cmaes": None,
     "distributed": None,
     "dynamixel_sdk": None,
+    "ezdxf": None,
     "launch": "launch",
     "launch_ros": "launch_ros",
     "matplotlib": "python3-matplotlib",
