@@ -20,7 +20,8 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.score.recorded import score_bag
-from fin_optimizer.study.records import read_ledger, read_trials
+from fin_optimizer.study.file_names import REPEATED_MARK
+from fin_optimizer.study.records import ASKED_FOR_AGAIN, read_ledger, read_trials
 from fin_optimizer.trial.plant_client import PlantClient
 from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
@@ -408,6 +409,32 @@ def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, c
     assert optimizer.wait() == 0
     assert "best of" in optimizer.output()
     assert {row["outcome"] for row in table(folder)} <= {"OK", "INTERRUPTED"}
+
+
+def test_the_trial_under_way_and_the_last_one_are_swum_again_when_somebody_asks(
+    start: Start, folder: Path, client: PlantTester, call: Callable[[str], Any]
+) -> None:
+    start_node(start, "fin_sim", "simulator")
+    optimizer = start_optimizer(start, folder, "trials:=2", "autostart:=false", "measurement.duration:=2.0")
+    optimizer.wait_for_output("2 fins, seed 1")
+    assert call("optimizer/repeat").message == "nothing to repeat: no trial yet"
+    assert call("optimizer/start").success
+    client.wait_for_state(State.SWIMMING)
+    assert call("optimizer/repeat").message == "trial 0000 is swum again"
+    client.wait_for_state(State.READY)
+    client.wait_for_state(State.SWIMMING)
+    assert call("optimizer/pause").success
+    optimizer.wait_for_output("trial 0001")
+    wait_until(lambda: call("optimizer/pause").success is False, 20, "the study to hold")
+    again = start(*CONTROL, "repeat")
+    assert (again.wait(), again.output()) == (0, "trial 0001 is swum again, once the study goes on\n")
+    assert call("optimizer/start").success
+    assert optimizer.wait() == 0
+    trials = read_trials(folder)
+    again_and_again = [(0, Outcome.INTERRUPTED), (0, Outcome.INTERRUPTED), (0, Outcome.OK), (1, Outcome.OK)]
+    assert [(trial.candidate, trial.outcome) for trial in trials] == again_and_again
+    assert [trial.reason for trial in trials[:2]] == [ASKED_FOR_AGAIN, ASKED_FOR_AGAIN]
+    assert [(folder / trial.bag / REPEATED_MARK).is_file() for trial in trials] == [True, True, False, False]
 
 
 def test_control_without_an_optimiser_says_what_it_sees(start: Start, folder: Path) -> None:

@@ -18,9 +18,10 @@ from fin_plant import topics
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
 from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_from_message, gait_message, nanoseconds_of
-from fin_plant.plant_state import State
+from fin_plant.plant_state import EMERGENCY, RELEASE, State
 from fin_servo_driver.emulator.devices import Firmata
 from support.domains import locked_domain
+from support.plant_tester import GAIT_PERIOD
 from support.processes import StartedProcess, start_executable, workspace_environment
 from support.robot_client import ACTIVATE, RobotClient, plugged_in
 from support.steady import on_time
@@ -406,3 +407,32 @@ def test_diagnostics_come_once_a_second_from_the_plant(plant: Plant) -> None:
         return len(arrivals) >= 3 and bool(np.median(np.diff(arrivals)) == pytest.approx(1e9, rel=0.2))
 
     client.wait_until(once_a_second, "diagnostics, most of them a second after the ones before")
+
+
+def test_one_button_stops_every_plant_and_only_its_release_leads_on(plant: Plant) -> None:
+    kind, client = plant
+    client.put_back()
+    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    client.wait_for_state(State.SWIMMING)
+    assert client.emergency_stop(on=True).success
+    stopped = client.wait_for_state(State.FAULT)
+    assert (stopped.reason, stopped.details["waiting_for"]) == (EMERGENCY, RELEASE)
+    assert client.received(topics.GAIT_APPLIED)[-1].data[0] == 0.0
+    refused = int(client.diagnostic("gaits_refused") or 0)
+    answer = client.request_reset()
+    assert (answer.success, answer.message) == (False, EMERGENCY)
+    client.spin(2 * GAIT_PERIOD)  # the gait goes on, and moves nothing
+    assert client.state() == stopped
+    assert int(client.diagnostic("gaits_refused") or 0) >= refused
+    assert client.emergency_stop(on=True).success  # pressed again: nothing changes
+    client.publish_gait(None)
+    assert client.emergency_stop(on=False).success
+    client.wait_until(lambda: (s := client.state()) is not None and s.state is not State.FAULT, "the release")
+    if kind.name == "robot":  # where no program but a person says that the fish is back
+        state = client.state()
+        assert state is not None
+        assert (state.state, state.details["waiting_for"]) == (State.WAITING_FOR_RESET, "mark")
+        assert client.confirm_mark().success
+    client.wait_for_state(State.READY)
+    assert client.emergency_stop(on=False).success
+    client.wait_for_state(State.READY)

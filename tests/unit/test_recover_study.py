@@ -14,10 +14,10 @@ from fin_optimizer.commands import recover_study, score_bag, show_study
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.recorded import recorded_swim
-from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE
+from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE, REPEATED_MARK
 from fin_optimizer.study.journal import END_FILE
 from fin_optimizer.study.ledger import Study
-from fin_optimizer.study.records import read_ledger, read_trials
+from fin_optimizer.study.records import ASKED_FOR_AGAIN, read_ledger, read_trials
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.scored import result_of
 from support.bags import write_swim
@@ -180,3 +180,22 @@ def test_a_bag_of_another_study_or_a_second_one_of_a_trial_is_refused_and_nothin
 def test_without_settings_there_is_nothing_to_recover_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert recover_study.main([str(tmp_path)]) == 2
     assert "holds no study: study.json is missing" in capsys.readouterr().err
+
+
+def test_a_trial_that_was_asked_for_again_counts_no_more_and_is_swum_again(folder: Path, plan: StudyPlan) -> None:
+    with Study.open(folder, plan.settings) as study:
+        best = study.best()
+        assert best is not None
+        settled = study.settled()
+        again = study.repeat(best.trials[0].number)
+        assert (again.outcome, again.reason, again.score) == (Outcome.INTERRUPTED, ASKED_FOR_AGAIN, None)
+        assert study.best() != best
+        assert study.settled() == settled - 1
+        following = study.next_candidate(plan.search)
+        assert following == (best.number, best.values)
+    true = read_trials(folder)
+    assert true[again.number] == again
+    assert (folder / again.bag / REPEATED_MARK).is_file()
+    lose(folder)
+    assert recover_study.main([str(folder)]) == 0
+    assert [trial.score for trial in read_trials(folder)] == [trial.score for trial in true]

@@ -25,19 +25,19 @@ from fin_optimizer.study import final_report
 from fin_optimizer.study.candidate import is_for_another
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.provenance import provenance
-from fin_optimizer.study.records import VALUES
+from fin_optimizer.study.records import ASKED_FOR_AGAIN, VALUES
 from fin_optimizer.study.report import CSV_FILE
 from fin_optimizer.study.resume_check import check_scores
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.swimmer import Conditions, Swimmer
-from fin_optimizer.words import near
+from fin_optimizer.words import near, trial_name
 from fin_plant import node_process, topics
 from fin_plant.checks import counted
 from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from rclpy.publisher import Publisher
 
@@ -119,6 +119,7 @@ class Optimizer:
         self.node.create_service(Trigger, "~/start", self._on_start)
         self.node.create_service(Trigger, "~/pause", self._on_pause)
         self.node.create_service(Trigger, "~/stop", self._on_stop)
+        self.node.create_service(Trigger, "~/repeat", self._on_repeat)
 
     def _greet(self) -> None:
         self._display.say(f"study {near(self._study.folder)}: {counted(self._total, 'fin')}, seed {self._plan.seed}")
@@ -157,6 +158,43 @@ class Optimizer:
         if response.success:
             self._mode = Mode.STOPPING
         return response
+
+    def _on_repeat(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        busy = [swimmer for swimmer in self._swimmers if swimmer.trial is not None]
+        if self._mode in {Mode.STOPPING, Mode.DONE} or not self._study.trials:
+            response.success = False
+            response.message = "nothing to repeat: " + (self._mode.value if self._study.trials else "no trial yet")
+            return response
+        try:
+            number = self._repeat(busy)
+        except StudyError as error:
+            self._give_up(str(error))
+            response.success, response.message = False, str(error)
+            return response
+        when = "" if self._mode is Mode.RUNNING else ", once the study goes on"
+        response.success, response.message = True, f"{trial_name(number)} is swum again{when}"
+        self._display.say(f"{response.message}: ~/repeat was called")
+        return response
+
+    def _repeat(self, busy: Sequence[Swimmer]) -> int:
+        """Let the newest trial under way, or else the last one that ended, be swum again; return its number.
+
+        Raises:
+            StudyError: The disk refused.
+        """
+        if not busy:
+            number = len(self._study.trials) - 1
+            self._study.repeat(number)
+            self._publish_progress()
+            return number
+        swimmer = max(busy, key=lambda each: self._records[each].number)
+        number, failures = self._records[swimmer].number, self._failures_in_a_row
+        if result := swimmer.cancel(ASKED_FOR_AGAIN, self._clock()):
+            self._unwritten[swimmer] = result
+            self._end_trials()
+            self._failures_in_a_row = failures  # somebody's wish is none
+        self._study.repeat(number)
+        return number
 
     # -- the loop ----------------------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""Command ``control``: starts, pauses or stops the study of a running optimiser."""
+"""Command ``control``: starts, pauses or stops the study of a running optimiser, or repeats a trial."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from rclpy.client import Client
 
-WORDS = ("start", "pause", "stop")
+WORDS = ("start", "pause", "repeat", "stop")
 _PATIENCE = 5.0
 """s in which the optimiser must be found, and answer."""
 
@@ -29,7 +29,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0 if the optimiser has done it, 1 if it refuses or is not there."""
     parser = argparse.ArgumentParser(
         prog="control",
-        description="Start a study that holds, let it hold after the trial under way (pause), or end it there (stop).",
+        description="Start a study that holds, let it hold after the trial under way (pause), have that trial or else "
+        "the last one swum again (repeat), or end the study there (stop).",
     )
     parser.add_argument("word", choices=WORDS)
     parser.add_argument("--namespace", default=topics.NAMESPACE, help="of the optimiser (default: %(default)s)")

@@ -3,6 +3,8 @@
 SETTINGS_FILE = "study.json"
 JOURNAL_FILE = "journal.log"
 BAG_FOLDER = "bags"
+REPEATED_MARK = "repeated.txt"
+"""In the bag of a trial that somebody wanted swum again."""
 FIGURE_FILE = "speed_over_modulus.png"
 FRONT_FILE = "pareto_front.png"
 PARALLEL_FILE = "parallel_coordinates.png"

@@ -22,10 +22,19 @@ import optuna
 
 from fin_optimizer.search.distributions import distributions
 from fin_optimizer.study.candidate import Candidate, TrialRecord, fastest, rank
-from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE, SETTINGS_FILE
+from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE, REPEATED_MARK, SETTINGS_FILE
 from fin_optimizer.study.folder import bag_name, begun, locked, put_on_disk, read_settings
 from fin_optimizer.study.journal import STUDY_NAME, StudyError, remove_stale_lock, take_off_cut_line, whole_entries
-from fin_optimizer.study.records import FISH, STATE_OF, fish_in, read_checked, record_of
+from fin_optimizer.study.records import (
+    ASKED_FOR_AGAIN,
+    FISH,
+    REPEATED,
+    STATE_OF,
+    fish_in,
+    read_checked,
+    record_of,
+    repeated_in,
+)
 from fin_optimizer.study.settings import Objective, Settings, differing
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import trial_name
@@ -75,9 +84,10 @@ class Study:
         self._candidates: list[Candidate] = []
         self._open: set[int] = set()
         self._best: Candidate | None = None
+        self._repeated = repeated_in(self._storage)
         for trial in frozen:
             self._ids.append(trial._trial_id)  # noqa: SLF001  (Optuna's own key; it has no public name)
-            self._note(record_of(trial))
+            self._note(record_of(trial, self._repeated))
 
     @classmethod
     def create(cls, folder: Path, settings: Settings) -> Study:
@@ -234,6 +244,23 @@ class Study:
             self._storage.set_trial_state_values(self._ids[number], STATE_OF[result.outcome], values)
         return self._refreshed(number)
 
+    def repeat(self, number: int) -> TrialRecord:
+        """Let a trial that has ended count no more, so that its candidate is swum again; its bag stays, and is marked.
+
+        Raises:
+            StudyError: The disk refused. The journal is as before.
+        """
+        if self._trials[number].outcome is not Outcome.INTERRUPTED:
+            repeated = self._repeated | {number}
+            with whole_entries(self._journal):
+                self._storage.set_study_user_attr(self._study_id, REPEATED, sorted(repeated))
+            self._repeated = repeated
+        record = self._refreshed(number)
+        if (bag := self.folder / record.bag).is_dir():
+            with contextlib.suppress(OSError):  # the journal knows it
+                (bag / REPEATED_MARK).write_text(f"{trial_name(number)}: {ASKED_FOR_AGAIN}\n", encoding="utf-8")
+        return record
+
     def put_back(self, record: TrialRecord) -> None:
         """Write down a trial that ended long ago, all of it at once: for a journal that is made anew.
 
@@ -277,7 +304,7 @@ class Study:
 
     def _refreshed(self, number: int) -> TrialRecord:
         """Return a trial as the journal has it now, which is also what the search will be told."""
-        record = record_of(self._storage.get_trial(self._ids[number]))
+        record = record_of(self._storage.get_trial(self._ids[number]), self._repeated)
         self._note(record)
         return record
 
@@ -296,10 +323,10 @@ class Study:
             self._open.discard(number)
         else:
             self._open.add(number)
-        if candidate.score is None:
-            return
         if self._best is not None and self._best.number == number:
             self._best = fastest(self._candidates)
+        elif candidate.score is None:
+            return
         elif self._best is None or rank(candidate) > rank(self._best):
             self._best = candidate
 

@@ -25,7 +25,7 @@ from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import trial_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
 
     from optuna.storages import JournalStorage
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 
 FISH = "fish"
 """Of the study in Optuna's ledger: what swims."""
+REPEATED = "repeated"
+"""Of the study in Optuna's ledger: numbers of trials that had ended when somebody asked for them to be swum again."""
+ASKED_FOR_AGAIN = "~/repeat was called: swum again"
 VALUES = "trial.values"
 """Of a bag's metadata: what was searched of the candidate, as JSON. Bags of older versions tell the fin alone."""
 
@@ -81,7 +84,8 @@ def read_ledger(folder: Path, tell: Callable[[str], object] = _tell) -> tuple[li
         tell(
             f"the journal's last entry is cut short ({length} bytes) and not counted; a kill or a running study does so"
         )
-    return [record_of(trial) for trial in frozen], fish_in(storage) if lines.count else {}
+    repeated = repeated_in(storage) if lines.count else frozenset[int]()
+    return [record_of(trial, repeated) for trial in frozen], fish_in(storage) if lines.count else {}
 
 
 def earlier_defaults(folder: Path) -> dict[str, Value]:
@@ -98,8 +102,17 @@ def earlier_defaults(folder: Path) -> dict[str, Value]:
 
 def fish_in(storage: JournalStorage) -> Mapping[str, object]:
     """Return what swims, as the journal has it; empty before the first fish is met."""
-    known: Mapping[str, object] = storage.get_study_user_attrs(storage.get_study_id_from_name(STUDY_NAME)).get(FISH, {})
+    known: Mapping[str, object] = _attributes(storage).get(FISH, {})
     return known
+
+
+def repeated_in(storage: JournalStorage) -> frozenset[int]:
+    """Return the numbers of the trials that somebody asked for again after they had ended."""
+    return frozenset(_attributes(storage).get(REPEATED, ()))
+
+
+def _attributes(storage: JournalStorage) -> Mapping[str, Any]:
+    return storage.get_study_user_attrs(storage.get_study_id_from_name(STUDY_NAME))
 
 
 def read_checked(
@@ -167,12 +180,20 @@ def _check_trials(trials: Sequence[optuna.trial.FrozenTrial], settings: Settings
                 raise ValueError(msg)
 
 
-def record_of(trial: optuna.trial.FrozenTrial) -> TrialRecord:
-    """Return Optuna's trial as ours. One that failed without a reason was left open by a process that died."""
+def record_of(trial: optuna.trial.FrozenTrial, repeated: Collection[int] = ()) -> TrialRecord:
+    """Return Optuna's trial as ours. One that failed without a reason was left open by a process that died.
+
+    Args:
+        trial: Optuna's.
+        repeated: Numbers of those whose outcome counts no more, since they were asked for again.
+    """
     attributes: dict[str, Any] = trial.user_attrs
     outcome: Outcome = _OUTCOME_OF[trial.state]
     killed = outcome is Outcome.FAILED and "reason" not in attributes
     if killed or (outcome is Outcome.FAILED and attributes.get("interrupted", False)):
+        outcome = Outcome.INTERRUPTED
+    again = trial.number in repeated
+    if again:
         outcome = Outcome.INTERRUPTED
     started, ended = trial.datetime_start, trial.datetime_complete
     score, cost = [*(trial.values or []), None, None][:2] if outcome is Outcome.OK else (None, None)
@@ -181,7 +202,7 @@ def record_of(trial: optuna.trial.FrozenTrial) -> TrialRecord:
         candidate=attributes["candidate"],
         values=dict(trial.params),
         outcome=outcome,
-        reason=_KILLED if killed else attributes.get("reason", ""),
+        reason=ASKED_FOR_AGAIN if again else _KILLED if killed else attributes.get("reason", ""),
         score=score,
         spread=attributes.get("spread") if outcome is Outcome.OK else None,
         cost=cost,

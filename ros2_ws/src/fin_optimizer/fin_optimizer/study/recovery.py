@@ -21,7 +21,7 @@ from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.score.recorded import recorded_swim
 from fin_optimizer.study.candidate import TrialRecord
-from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE, SETTINGS_FILE
+from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE, REPEATED_MARK, SETTINGS_FILE
 from fin_optimizer.study.folder import bag_name, bags_in, locked, put_on_disk, read_settings, settings_and_sum
 from fin_optimizer.study.journal import END_FILE, JournalLines, StudyError, write_end
 from fin_optimizer.study.ledger import Study
@@ -223,7 +223,7 @@ class _Bags:
         Whether such a trial FAILED or was INTERRUPTED no bag tells: it is made again, as one that was INTERRUPTED.
         """
         bag = self._bags.get(number)
-        if bag is None:
+        if bag is None or (bag.path.parent / REPEATED_MARK).exists():
             return None
         with_cost = self._settings.objective is Objective.SPEED_AND_COST
         try:
