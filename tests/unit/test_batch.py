@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive, carangiform
 from fin_sim import dynamics
-from fin_sim.batch import Status, kernel, swim_batch
+from fin_sim.batch import Status, swim_batch
+from fin_sim.batch import step as method
 from fin_sim.batch.columns import fin_columns
 from fin_sim.batch.equations import (
     DOUBLE,
@@ -162,11 +163,11 @@ class ReferenceStepper:
 
     def advance(self, index: int) -> None:
         """Take step ``index``."""
-        reach = kernel.HINGE_REACH * self.step
-        history, ahead = np.array(kernel.HINGE_HISTORY), np.array(kernel.EXTRAPOLATION)
+        reach = method.HINGE_REACH * self.step
+        history, ahead = np.array(method.HINGE_HISTORY), np.array(method.EXTRAPOLATION)
         angle, rate = history @ self.angles, history @ self.rates
         state, drive = np.zeros(6 + 2 * self.links), np.zeros((self.links, 3))
-        state[3:6] = self.velocity + self.step * np.array(kernel.PREDICTOR) @ self.slopes
+        state[3:6] = self.velocity + self.step * np.array(method.PREDICTOR) @ self.slopes
         state[6 + self.driven : 6 + self.links] = ahead @ self.angles
         rates = ahead @ self.rates
         state[6 + self.links + self.driven :] = np.where(rates == 0.0, 1e-150, rates)
@@ -178,7 +179,7 @@ class ReferenceStepper:
         compliance = self.stiffness * reach**2 + self.damping * reach
         bend = np.linalg.solve(np.eye(count) + share[3:] * compliance, alone[3:] + share[3:] @ torque)
         body = (alone + share @ (torque - compliance * bend))[:3]
-        corrector = np.array(kernel.CORRECTOR)
+        corrector = np.array(method.CORRECTOR)
         self.velocity = self.velocity + self.step * (corrector[0] * body + corrector[1:] @ self.slopes)
         self.slopes = np.vstack((body, self.slopes[:-1]))
         new_rate = rate + reach * bend
@@ -218,8 +219,8 @@ def test_columns_of_links_are_those_of_single_fins() -> None:
         for row, fin in enumerate(fins):
             chain = build_chain(SWIMMER, fin)
             for index, expected in enumerate(lane_links(chain)):
-                got = [float(columns[name][row, index]) for name in kernel.LINK_FIELDS]
-                assert got == pytest.approx([getattr(expected, name) for name in kernel.LINK_FIELDS], rel=1e-12)
+                got = [float(columns[name][row, index]) for name in method.LINK_FIELDS]
+                assert got == pytest.approx([getattr(expected, name) for name in method.LINK_FIELDS], rel=1e-12)
             table = chain.link_table()[SWIMMER.driven_joints :]
             assert links["stiffness"][row, SWIMMER.driven_joints :] == pytest.approx(table[:, STIFFNESS], rel=1e-12)
             assert links["damping"][row, SWIMMER.driven_joints :] == pytest.approx(table[:, DAMPING], rel=1e-12)
@@ -290,13 +291,12 @@ def test_a_refused_and_a_diverging_fin_spoil_nobody_elses_result() -> None:
     assert "slower or smaller gait" in violent.reason(0)
 
 
-def test_long_chains_and_undamped_fins_swim_by_the_general_kernel() -> None:
-    fins = [paper_fin(segments=20, hinges="midpoint"), paper_fin(damping_time=0.0), paper_fin()]
+def test_undamped_fins_swim_by_the_general_kernel() -> None:
+    fins = [paper_fin(damping_time=0.0), paper_fin()]
     swum = swim_batch(fins, duration=2.0)
-    for index in (0, 1):
-        assert swum.mean_speed[index] == pytest.approx(swim(fins[index], duration=2.0).mean_speed, rel=2e-4)
+    assert swum.mean_speed[0] == pytest.approx(swim(fins[0], duration=2.0).mean_speed, rel=2e-4)
     assert (swum.status == Status.OK).all()
-    assert swum.mean_speed[2] == swim_batch([paper_fin()], duration=2.0).mean_speed[0]
+    assert swum.mean_speed[1] == swim_batch([paper_fin()], duration=2.0).mean_speed[0]
 
 
 def test_more_links_than_a_chain_can_have_is_a_refused_fin() -> None:

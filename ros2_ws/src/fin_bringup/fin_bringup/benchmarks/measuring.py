@@ -8,8 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fin_plant.gait import PAPER_GAIT
 from fin_sim.batch import swim_batch
+from fin_sim.batch.columns import fin_columns
+from fin_sim.batch.lanes import lane_figures
+from fin_sim.batch.task import checked_task
 from fin_sim.presets import preset
+from fin_sim.swim import RAMP_TIME
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,9 +62,19 @@ def wall_time(work: Callable[[], object], repeats: int) -> float:
     return min(taken)
 
 
+def _columns(count: int, changes: dict[str, Any]) -> dict[str, Any]:
+    return {**vars(PAPER.fin), "young_modulus": np.linspace(MODULI[0], MODULI[-1], count), **changes}
+
+
 def batch(count: int, **options: Any) -> Callable[[], object]:
     """Return the work of swimming so many paper fins on one core, or as many as ``threads`` says."""
-    moduli = np.linspace(MODULI[0], MODULI[-1], count)
-    columns = {**vars(PAPER.fin), "young_modulus": moduli, **options.pop("columns", {})}
+    columns = _columns(count, options.pop("columns", {}))
     arguments = {"reactive": PAPER.reactive, "threads": 1, **options}
     return lambda: swim_batch(columns, PAPER.fish, **arguments)
+
+
+def lanes(count: int, changes: dict[str, Any]) -> Callable[[], object]:
+    """Return the work of swimming so many fins once at the default step, whatever that is worth."""
+    task = checked_task(PAPER.fish, PAPER_GAIT, DURATION, PAPER.reactive, "free", 0.0, RAMP_TIME, 0.0, None, "double")
+    columns = fin_columns(_columns(count, changes))
+    return lambda: lane_figures(task, columns)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_bringup.benchmarks.measuring import DURATION, MANY, batch, core_time
-from fin_sim.batch.kernel import Form, generate
+from fin_sim.batch.kernel import generate
+from fin_sim.batch.step import Form
 from fin_sim.compiled import kernel
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fin_bringup.benchmarks.measuring import DURATION, MANY, MODULI, PAPER, batch, core_time, wall_time
-from fin_sim.batch import LONGEST_LANE_CHAIN, swim_batch
+from fin_bringup.benchmarks.measuring import DURATION, MANY, MODULI, PAPER, batch, core_time, lanes, wall_time
+from fin_sim.batch import swim_batch
 from fin_sim.swim import swim
 
 if TYPE_CHECKING:
@@ -48,10 +48,10 @@ def scaling(sizes: Sizes) -> dict[str, list[dict[str, float]]]:
     ]
     over_links = []
     for links in sizes.segments:
-        lanes = links <= LONGEST_LANE_CHAIN
-        n = 256 if lanes else 4
-        taken = core_time(batch(n, columns={"segments": np.full(n, links)}), sizes.repeats if lanes else 1)
-        over_links.append({"links": float(links), "core_ms": taken / n * 1e3, "lanes": float(lanes)})
+        n, changes = 256, {"segments": np.full(256, links)}
+        once = core_time(lanes(n, changes), sizes.repeats) / n
+        proven = core_time(batch(n, columns=changes), sizes.repeats) / n
+        over_links.append({"links": float(links), "once_ms": once * 1e3, "core_ms": proven * 1e3})
     n = 4 * MANY
     over_cores = [
         {"cores": float(c), "swims_per_second": n / wall_time(batch(n, threads=c), sizes.repeats)}

@@ -1,11 +1,11 @@
 """Many swims at once: the figures of one swim for each of many fins, on all cores.
 
-* `swim_batch`: divides the fins among threads. Up to `LONGEST_LANE_CHAIN` links they swim side by side (`lanes`);
-  longer chains, fins with a profile, fins with too little damping for the lanes' long steps, and fish whose servos
-  have a motor each swim by the general kernel of `fin_sim.dynamics` (`general_kernel`).
+* `swim_batch`: divides the fins among threads. Most swim side by side (`lanes`). Fins with a profile, those with too
+  little damping for the lanes' long steps, and fish whose servos have a motor each swim by the general kernel of
+  `fin_sim.dynamics` (`general_kernel`).
 * `columns`: fins as columns. `links`: what they are as links. `task`: what all fins share.
-* `equations`, `tracing`, `kernel`: the equations of one fish, recorded and made into code whose vector registers
-  hold a fish in each lane.
+* `equations`, `step`, `tracing`: the equations of one fish and one step in time, recorded. `kernel`, `rolled`: what was
+  recorded made into code whose vector registers hold a fish in each lane, without and with loops over the links.
 * `window`: means over the end of a swim. `result`: what comes out.
 
 Every figure is right to `TOLERANCES`, or its swim has none and says so. Near the paper's gait and fins (`proven`) one
@@ -16,8 +16,8 @@ likewise. A fin whose results never settle, such as one that whips chaotically, 
 
 from fin_sim.batch.columns import FinColumns
 from fin_sim.batch.result import BatchSwim, Status
-from fin_sim.batch.swim_batch import LONGEST_LANE_CHAIN, swim_batch
+from fin_sim.batch.swim_batch import swim_batch
 from fin_sim.batch.task import Precision
 from fin_sim.batch.tolerances import TOLERANCES
 
-__all__ = ["LONGEST_LANE_CHAIN", "TOLERANCES", "BatchSwim", "FinColumns", "Precision", "Status", "swim_batch"]
+__all__ = ["TOLERANCES", "BatchSwim", "FinColumns", "Precision", "Status", "swim_batch"]

@@ -31,6 +31,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+Motion = tuple[Real, Real, Real]
+"""Along, normal and angular: a velocity or an acceleration."""
+Turn = tuple[Real, Real]
+"""Sine and cosine of a joint's angle."""
+
 _TINY = 1e-30  # added to a denominator that is 0 only where its numerator is 0 too
 
 
@@ -194,24 +199,25 @@ def resistive_wrench(front: Real, rear: Real, link: LaneLink) -> tuple[Real, Rea
     return force, link.resistive_moment * first + link.taper_moment * second
 
 
-class _Wrench:
+@dataclass
+class Wrench:
     """Articulated inertia and bias of all links behind a joint, about the joint, in the axes of the link at hand.
 
     force = I a + h bend + p and moment = h.a + t bend + q, for the joint's acceleration a and the link's angular
-    acceleration ``bend``.
+    acceleration ``bend``. ``thrust`` is the force of the water less its reaction.
     """
 
-    def __init__(self) -> None:
-        self.ee: Real = 0.0
-        self.en: Real = 0.0
-        self.nn: Real = 0.0
-        self.he: Real = 0.0
-        self.hn: Real = 0.0
-        self.t: Real = 0.0
-        self.pe: Real = 0.0
-        self.pn: Real = 0.0
-        self.q: Real = 0.0
-        self.thrust: tuple[Real, Real] = (0.0, 0.0)  # forces of the water less their reaction
+    ee: Real = 0.0
+    en: Real = 0.0
+    nn: Real = 0.0
+    he: Real = 0.0
+    hn: Real = 0.0
+    t: Real = 0.0
+    pe: Real = 0.0
+    pn: Real = 0.0
+    q: Real = 0.0
+    thrust_e: Real = 0.0
+    thrust_n: Real = 0.0
 
     def move_forward(self, length: Real, centripetal: Real) -> None:
         """Refer to a point ``length`` ahead, from which this one accelerates by ``centripetal`` forward."""
@@ -260,7 +266,7 @@ class _Wrench:
         self.ee, self.nn, self.en = self.ee + lift, self.nn - lift, en
         self.he, self.hn = _turned(self.he, self.hn, sine, cosine)
         self.pe, self.pn = _turned(self.pe, self.pn, sine, cosine)
-        self.thrust = _turned(*self.thrust, sine, cosine)
+        self.thrust_e, self.thrust_n = _turned(self.thrust_e, self.thrust_n, sine, cosine)
 
 
 def _turned(e: Real, n: Real, sine: Real, cosine: Real) -> tuple[Real, Real]:
@@ -268,7 +274,7 @@ def _turned(e: Real, n: Real, sine: Real, cosine: Real) -> tuple[Real, Real]:
     return e * cosine - n * sine, e * sine + n * cosine
 
 
-def _water(wrench: _Wrench, link: LaneLink, motion: tuple[Real, Real, Real], *, distributed: bool, last: bool) -> None:
+def _water(wrench: Wrench, link: LaneLink, motion: Motion, *, distributed: bool, last: bool) -> None:
     """Add the link's own inertia and what the water does to it; motion is along, normal velocity and yaw rate."""
     along, normal, turn = motion
     end = normal - link.length * turn
@@ -281,11 +287,78 @@ def _water(wrench: _Wrench, link: LaneLink, motion: tuple[Real, Real, Real], *, 
         force_n = force_n - tip_n
         force_e = 0.5 * link.tip_virtual * end * end
         wrench.q -= link.length * tip_n
-    wrench.thrust = (wrench.thrust[0] + force_e, wrench.thrust[1] + force_n)
+    wrench.thrust_e, wrench.thrust_n = wrench.thrust_e + force_e, wrench.thrust_n + force_n
     # Centripetal and reactive terms that stay when nothing accelerates: both forms' along the link add up.
     wrench.pe += turn * (link.normal_first * turn - link.virtual_mass * normal) - force_e
     wrench.pn -= link.virtual_mass * (turn * along) + force_n
     wrench.q += along * (link.virtual_mass * normal if distributed else link.virtual_first * turn)
+
+
+def enter_link(front: Motion, turn: Turn, rate: Real) -> Motion:
+    """Return a link's motion at its root, in its axes, from that of the point ahead in the axes of the link ahead."""
+    along, normal = _turned(front[0], front[1], -turn[0], turn[1])
+    return along, normal, front[2] + rate
+
+
+def leave_link(motion: Motion, length: Real) -> Motion:
+    """Return a link's motion at its end."""
+    along, normal, turn = motion
+    return along, normal - length * turn, turn
+
+
+def gather_link(
+    wrench: Wrench,
+    link: LaneLink,
+    motion: Motion,
+    joint: Drive | Hinge,
+    turn: Turn,
+    *,
+    distributed: bool,
+    last: bool,
+) -> tuple[Real, ...]:
+    """Change the wrench of all links behind a link into that of these and the link, in the axes of the link ahead.
+
+    Returns:
+        What `accelerate_link` needs of it.
+    """
+    if not last:
+        wrench.move_forward(link.length, link.length * motion[2] * motion[2])
+    wrench.add(link)
+    _water(wrench, link, motion, distributed=distributed, last=last)
+    kept: tuple[Real, ...] = (wrench.he, wrench.hn, wrench.t, wrench.q)
+    if isinstance(joint, Drive):
+        wrench.bend(joint.acceleration)
+    else:
+        kept = (*kept, *wrench.release(joint))
+    wrench.rotate(*turn)
+    return kept
+
+
+def accelerate_link(
+    ahead: Motion, link: LaneLink, turn: Turn, yaw_rate: Real, kept: Sequence[Real], drive: Drive | None
+) -> tuple[Motion, Real]:
+    """Return the acceleration of a link's end, and its servo's power or its hinge's acceleration.
+
+    Args:
+        ahead: Acceleration of the end of the link ahead, in that link's axes, and its angular acceleration.
+        link: The link.
+        turn: Of its joint.
+        yaw_rate: The link's own.
+        kept: What `gather_link` returned.
+        drive: Where the joint is driven.
+    """
+    a_e, a_n = _turned(ahead[0], ahead[1], -turn[0], turn[1])
+    bend = ahead[2]
+    h_e, h_n, inertia, bias = kept[:4]
+    value: Real
+    if drive:
+        bend = bend + drive.acceleration
+        value = (h_e * a_e + h_n * a_n + inertia * bend + bias) * drive.rate
+    else:
+        push, inverse = kept[4:]
+        value = push - inverse * (h_e * a_e + h_n * a_n + inertia * bend)
+        bend = bend + value
+    return (a_e + link.length * yaw_rate * yaw_rate, a_n - link.length * bend, bend), value
 
 
 def respond(
@@ -293,7 +366,7 @@ def respond(
     links: Sequence[LaneLink],
     drives: Sequence[Drive],
     hinges: Sequence[Hinge],
-    velocity: tuple[Real, Real, Real],
+    velocity: Motion,
     *,
     free: bool,
     distributed: bool,
@@ -311,49 +384,60 @@ def respond(
         distributed: Form of the reactive force.
         precision: Of sines and arctangents.
     """
-    u, v, r = velocity
     turns = [(drive.sine, drive.cosine) for drive in drives]
     turns += [sine_cosine(hinge.angle, precision) for hinge in hinges]
     rates = [drive.rate for drive in drives] + [hinge.rate for hinge in hinges]
     motions = []
-    along, normal, turn = u, v - body.offset * r, r
-    for link, (sine, cosine), rate in zip(links, turns, rates, strict=True):
-        along, normal = _turned(along, normal, -sine, cosine)
-        turn = turn + rate
-        motions.append((along, normal, turn))
-        normal = normal - link.length * turn
+    front = body_end(body, velocity)
+    for link, turn, rate in zip(links, turns, rates, strict=True):
+        motions.append(enter_link(front, turn, rate))
+        front = leave_link(motions[-1], link.length)
 
-    wrench = _Wrench()
-    eliminated: list[tuple[Real, ...]] = []
-    for k in range(len(links) - 1, -1, -1):
-        if k < len(links) - 1:
-            wrench.move_forward(links[k].length, links[k].length * motions[k][2] * motions[k][2])
-        wrench.add(links[k])
-        _water(wrench, links[k], motions[k], distributed=distributed, last=k == len(links) - 1)
-        kept = (wrench.he, wrench.hn, wrench.t, wrench.q)
-        if k < len(drives):
-            wrench.bend(drives[k].acceleration)
-            eliminated.append(kept)
+    wrench = Wrench()
+    joints: tuple[Drive | Hinge, ...] = (*drives, *hinges)
+    last = len(links) - 1
+    kept: list[tuple[Real, ...]] = [()] * len(links)
+    for k in range(last, -1, -1):
+        kept[k] = gather_link(
+            wrench, links[k], motions[k], joints[k], turns[k], distributed=distributed, last=k == last
+        )
+
+    thrust = wrench.thrust_e
+    change, ahead = accelerate_body(body, wrench, velocity, free=free, precision=precision)
+    accelerations: list[Real] = []
+    power: Real = 0.0
+    for k, link in enumerate(links):
+        drive = drives[k] if k < len(drives) else None
+        ahead, value = accelerate_link(ahead, link, turns[k], motions[k][2], kept[k], drive)
+        if drive:
+            power = power + value
         else:
-            eliminated.append((*kept, *wrench.release(hinges[k - len(drives)])))
-        wrench.rotate(*turns[k])
-    eliminated.reverse()
+            accelerations.append(value)
+    return Response(*change, tuple(accelerations), thrust, power)
 
+
+def body_end(body: LaneBody, velocity: Motion) -> Motion:
+    """Return the motion of the body's end, where the first joint is."""
+    return velocity[0], velocity[1] - body.offset * velocity[2], velocity[2]
+
+
+def accelerate_body(
+    body: LaneBody, wrench: Wrench, velocity: Motion, *, free: bool, precision: Precision
+) -> tuple[Motion, Motion]:
+    """Return the rates of surge, sway and yaw rate under the tail's wrench, and the acceleration of the body's end."""
+    u, v, r = velocity
     shift_e, shift_n = -v * r + body.offset * r * r, u * r  # acceleration of the first joint while du, dv, dr are 0
-    thrust = wrench.thrust[0]
     du, dv, dr = _body(body, wrench, velocity, (shift_e, shift_n), precision) if free else (0.0, 0.0, 0.0)
-    ahead = (du + shift_e, dv + shift_n - body.offset * dr, dr)
-    accelerations, power = _outward(links, drives, turns, motions, eliminated, ahead)
-    return Response(du, dv, dr, accelerations, thrust, power)
+    return (du, dv, dr), (du + shift_e, dv + shift_n - body.offset * dr, dr)
 
 
 def _body(
     body: LaneBody,
-    wrench: _Wrench,
-    velocity: tuple[Real, Real, Real],
+    wrench: Wrench,
+    velocity: Motion,
     shift: tuple[Real, Real],
     precision: Precision,
-) -> tuple[Real, Real, Real]:
+) -> Motion:
     """Solve Kirchhoff's equations of the free body with the tail's wrench."""
     u, v, r = velocity
     wrench.pe += wrench.ee * shift[0] + wrench.en * shift[1]
@@ -377,32 +461,3 @@ def _body(
     dv = force_n / nn - ratio * dr
     du = inverse * force_e - ratio_n * dv - ratio_t * dr
     return du, dv, dr
-
-
-def _outward(
-    links: Sequence[LaneLink],
-    drives: Sequence[Drive],
-    turns: Sequence[tuple[Real, Real]],
-    motions: Sequence[tuple[Real, Real, Real]],
-    eliminated: Sequence[tuple[Real, ...]],
-    ahead: tuple[Real, Real, Real],
-) -> tuple[tuple[Real, ...], Real]:
-    """Return the hinges' accelerations and the servos' power, from the acceleration of the body's end."""
-    a_e, a_n, bend = ahead
-    accelerations: list[Real] = []
-    power: Real = 0.0
-    for k, link in enumerate(links):
-        sine, cosine = turns[k]
-        a_e, a_n = _turned(a_e, a_n, -sine, cosine)
-        h_e, h_n, inertia, bias = eliminated[k][:4]
-        if k < len(drives):
-            bend = bend + drives[k].acceleration
-            power = power + (h_e * a_e + h_n * a_n + inertia * bend + bias) * drives[k].rate
-        else:
-            push, inverse = eliminated[k][4:]
-            relative = push - inverse * (h_e * a_e + h_n * a_n + inertia * bend)
-            accelerations.append(relative)
-            bend = bend + relative
-        turn = motions[k][2]
-        a_e, a_n = a_e + link.length * turn * turn, a_n - link.length * bend
-    return tuple(accelerations), power

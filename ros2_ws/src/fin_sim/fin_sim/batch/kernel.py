@@ -5,14 +5,8 @@ the lanes, one fish each, inside a loop over time. Everything that the inner loo
 offsets written as literals: with that and a literal trip count the compiler packs the lanes into vector registers; with
 two-dimensional arrays or a variable count it does not.
 
-One step costs one evaluation of the equations, at the state predicted for its end:
-
-* hinges: backward differentiation of order 4, y_1 = 48/25 y_0 - 36/25 y_-1 + 16/25 y_-2 - 3/25 y_-3 + 12/25 h y'_1, for
-  angle and rate. Springs and dampers act on the state at the step's end (linearly implicit), all other forces on the
-  state extrapolated from the last four (Ascher, Ruuth & Wetton, SIAM J. Numer. Anal. 32, 1995, fourth-order SBDF).
-  So the stiffest hinge does not bound the step, and no matrix is inverted but by the recursion over the links.
-* body: Adams-Bashforth of order 3 predicts, Adams-Moulton of order 4 corrects (Hairer, Norsett & Wanner, *Solving
-  Ordinary Differential Equations I*, 1993, section III.1); position and heading by the trapezoidal rule.
+A short chain's step is one such loop, with no loop over the links (this file). A long chain's is several, most of them
+inside a loop over the links (`rolled`).
 """
 
 from __future__ import annotations
@@ -22,77 +16,37 @@ import importlib.util
 import os
 import sys
 import tempfile
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from fin_sim.batch.equations import (
-    DOUBLE,
-    SINGLE,
-    Drive,
-    Hinge,
-    LaneBody,
-    LaneLink,
-    Response,
-    respond,
-    sine_cosine,
+from fin_sim.batch.equations import respond
+from fin_sim.batch.rolled import rolled_code
+from fin_sim.batch.step import (
+    UNIFORM,
+    Code,
+    Form,
+    Uniform,
+    drive_at,
+    lane_loop,
+    link_at,
+    move_body,
+    move_hinge,
+    predicted_hinge,
+    predicted_velocity,
+    sum_means,
+    table_names,
 )
-from fin_sim.batch.tracing import Number, Real, Tape, absolute, maximum
+from fin_sim.batch.tracing import Number, Real, Tape
 
 if TYPE_CHECKING:
     from collections import Counter
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
-LANES = {"double": 8, "single": 16}
-"""Fish side by side: 64 bytes, the widest vector register there is; where they are narrower a lane loop takes two."""
-
-HINGE_HISTORY = (48.0 / 25.0, -36.0 / 25.0, 16.0 / 25.0, -3.0 / 25.0)
-HINGE_REACH = 12.0 / 25.0
-EXTRAPOLATION = (4.0, -6.0, 4.0, -1.0)
-PREDICTOR = (23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0)
-CORRECTOR = (9.0 / 24.0, 19.0 / 24.0, -5.0 / 24.0, 1.0 / 24.0)
-LEAST_DAMPING = 0.4
-"""Damping time over step below which a lightly damped hinge may grow: order 4 is stable for all stiffnesses from 0.36
-on (found from the roots of its characteristic polynomial)."""
-
-UNIFORM = (*(item.name for item in fields(LaneBody)), "step", "held_surge", "held_sway")
-LINK_FIELDS = tuple(item.name for item in fields(LaneLink))
-HINGE_FIELDS = ("stiffness", "damping", "compliance")
-WEIGHTS = ("window_weight", "path_weight")
-DRIVE_FIELDS = tuple(item.name for item in fields(Drive))
-_VELOCITIES = ("surge", "sway", "yaw")
-
-
-@dataclass(frozen=True)
-class Form:
-    """What the generated code is special to.
-
-    Attributes:
-        driven: Number of driven joints, the first ones.
-        links: Number of links.
-        free: Whether the body moves under its forces.
-        distributed: Form of the reactive force.
-        tapered: Whether a link's height changes along it.
-        precision: ``double`` or ``single``.
-        viscous: Whether the body has a linear drag.
-        current: Whether the water flows.
-    """
-
-    driven: int
-    links: int
-    free: bool
-    distributed: bool
-    tapered: bool
-    precision: str = "double"
-    viscous: bool = False
-    current: bool = False
-
-    @property
-    def lanes(self) -> int:
-        """Number of fish side by side."""
-        return LANES[self.precision]
+LONGEST_STRAIGHT_CHAIN = 7
+"""Links up to which the code has no loop over them: beyond, that is no faster and takes longer to compile."""
 
 
 @dataclass(frozen=True)
@@ -100,10 +54,10 @@ class LaneKernel:
     """Compiled code and how to feed it.
 
     Attributes:
-        advance: ``advance(parameters, table, uniform, results, first, last, steps)`` swims the chunks of lanes from
-            ``first`` to ``last`` - 1. Flat arrays: parameters (chunks, ``parameters``, lanes), table (steps,
+        advance: ``advance(parameters, table, uniform, results, first, last, steps, links)`` swims the chunks of lanes
+            from ``first`` to ``last`` - 1. Flat arrays: parameters (chunks, ``parameters``, lanes), table (steps,
             ``table``), uniform (``UNIFORM``), results written (chunks, ``results``, lanes).
-        parameters: Names of a fish's constants.
+        parameters: Names of a fish's constants, each with its link.
         table: Names of a step's numbers that all fish share.
         results: Names of what is left at the end.
         operations: Floating-point operations of one step of one fish, by kind.
@@ -119,166 +73,107 @@ class LaneKernel:
 
 
 class _Slots:
-    """Places of the lanes' numbers in the flat array."""
+    """Places of the lanes' numbers in the flat array, in the order in which they are first named."""
 
-    def __init__(self, tape: Tape, lanes: int) -> None:
-        self._tape, self._lanes = tape, lanes
+    def __init__(self, lanes: int) -> None:
+        self.tape, self._lanes = Tape(), lanes
         self.index: dict[str, int] = {}
         self.written: dict[str, Real] = {}
 
-    def place(self, name: str) -> str:
-        """Return the expression for the number ``name`` of lane i."""
-        return f"work[{self.index.setdefault(name, len(self.index)) * self._lanes} + i]"
+    def place(self, name: str, link: int | None = None) -> str:
+        """Return the expression for a number of lane i."""
+        key = name if link is None else f"{name}_{link}"
+        return f"work[{self.index.setdefault(key, len(self.index)) * self._lanes} + i]"
 
-    def read(self, name: str) -> Number:
+    def read(self, name: str, link: int | None = None) -> Number:
         """Return the number as it was before the step."""
-        return self._tape.load(self.place(name))
+        return self.tape.load(self.place(name, link))
 
-    def history(self, name: str, count: int) -> list[Number]:
-        """Return the number's last values, the latest first."""
-        return [self.read(f"{name}_{age}") for age in range(count)]
-
-    def write(self, name: str, value: Real) -> None:
+    def write(self, name: str, value: Real, link: int | None = None) -> None:
         """Give the number a new value at the end of the step."""
-        self.written[self.place(name)] = value
-
-    def push(self, name: str, value: Real, old: Sequence[Real]) -> None:
-        """Give a history a new latest value; the oldest one is forgotten."""
-        for age, kept in enumerate((value, *old[:-1])):
-            self.write(f"{name}_{age}", kept)
+        self.written[self.place(name, link)] = value
 
 
-def _sum(weights: Sequence[float], values: Sequence[Real]) -> Real:
-    total: Real = 0.0
-    for weight, value in zip(weights, values, strict=True):
-        total = total + weight * value
-    return total
-
-
-def _predicted_hinges(form: Form, slots: _Slots, step: Real) -> tuple[list[Hinge], list[tuple[Real, Real]]]:
-    """Return the hinges at the end of the step, and for each what history gives to its new angle and rate."""
-    hinges, known = [], []
-    for joint in range(form.driven, form.links):
-        angles, rates = (slots.history(f"{name}_{joint}", len(HINGE_HISTORY)) for name in ("angle", "rate"))
-        stiffness, damping, compliance = (slots.read(f"{name}_{joint}") for name in HINGE_FIELDS)
-        angle, rate = _sum(HINGE_HISTORY, angles), _sum(HINGE_HISTORY, rates)
-        torque = -(stiffness * (angle + HINGE_REACH * step * rate) + damping * rate)
-        hinges.append(Hinge(_sum(EXTRAPOLATION, angles), _sum(EXTRAPOLATION, rates), torque, compliance))
-        known.append((angle, rate))
-    return hinges, known
-
-
-def _trace_step(form: Form, tape: Tape, slots: _Slots) -> None:
+def _trace_step(form: Form, slots: _Slots) -> None:
     """Record one step of one fish."""
-    tapers = [name for name in LINK_FIELDS if name.startswith("taper")]
-    links = []
-    for index in range(form.links):
-        straight: dict[str, Real] = {} if form.tapered else dict.fromkeys(tapers, 0.0)
-        varying = {name: slots.read(f"{name}_{index}") for name in LINK_FIELDS if name not in straight}
-        links.append(LaneLink(**varying, **straight))
-    uniform = {name: tape.load(name) for name in (*UNIFORM, *WEIGHTS)}
-    step = uniform["step"]
-    absent = {"linear_drag": form.viscous, "current_x": form.current, "current_y": form.current}
-    body = LaneBody(**{item.name: uniform[item.name] for item in fields(LaneBody) if absent.get(item.name, True)})
-    drives = [Drive(*(tape.load(f"{name}_{joint}") for name in DRIVE_FIELDS)) for joint in range(form.driven)]
-    hinges, known = _predicted_hinges(form, slots, step)
-    velocity: tuple[Real, ...] = (uniform["held_surge"], uniform["held_sway"] if form.current else 0.0, 0.0)
-    if form.free:
-        predicted = [_sum(PREDICTOR, slots.history(f"{name}_rate", len(PREDICTOR))) for name in _VELOCITIES]
-        velocity = tuple(slots.read(name) + step * slope for name, slope in zip(_VELOCITIES, predicted, strict=True))
+    links = [link_at(form, slots, index) for index in range(form.links)]
+    uniform = Uniform.load(form, slots.tape)
+    passive = range(form.driven, form.links)
+    drives = [drive_at(slots.tape, joint) for joint in range(form.driven)]
+    hinges = [predicted_hinge(slots, joint, uniform.step) for joint in passive]
     response = respond(
-        body,
+        uniform.body,
         links,
         drives,
-        hinges,
-        (velocity[0], velocity[1], velocity[2]),
+        [hinge for hinge, _ in hinges],
+        predicted_velocity(uniform, slots),
         free=form.free,
         distributed=form.distributed,
-        precision=DOUBLE if form.precision == "double" else SINGLE,
+        precision=form.degrees,
     )
     largest: Real = slots.read("largest_angle")
-    for joint, (angle, rate), acceleration in zip(range(form.driven, form.links), known, response.hinges, strict=True):
-        new_rate = rate + HINGE_REACH * step * acceleration
-        new_angle = angle + HINGE_REACH * step * new_rate
-        largest = maximum(largest, absolute(new_angle))
-        for name, value in (("angle", new_angle), ("rate", new_rate)):
-            slots.push(f"{name}_{joint}", value, slots.history(f"{name}_{joint}", len(HINGE_HISTORY)))
+    for joint, (_, known), acceleration in zip(passive, hinges, response.hinges, strict=True):
+        largest = move_hinge(slots, joint, uniform.step, known, acceleration, largest)
     slots.write("largest_angle", largest)
-    if form.free:
-        _move_body(form, slots, response, body, uniform)
-    for name, value in (("thrust_sum", response.thrust), ("power_sum", response.power)):
-        slots.write(name, slots.read(name) + uniform["window_weight"] * value)
+    move_body(uniform, slots, (response.surge, response.sway, response.yaw))
+    sum_means(uniform, slots, response.thrust, response.power)
 
 
-def _move_body(form: Form, slots: _Slots, response: Response, body: LaneBody, uniform: dict[str, Number]) -> None:
-    """Correct the body's velocity and move it."""
-    step = uniform["step"]
-    new = []
-    for name, slope in zip(_VELOCITIES, (response.surge, response.sway, response.yaw), strict=True):
-        old = slots.history(f"{name}_rate", len(CORRECTOR) - 1)
-        new.append(slots.read(name) + step * _sum(CORRECTOR, (slope, *old)))
-        slots.write(name, new[-1])
-        slots.push(f"{name}_rate", slope, old)
-    surge, sway, yaw = new
-    turned = slots.read("turned") + step * yaw
-    slots.write("turned", turned)
-    # Trapezoidal rule with its end correction, from rest: the sum counts the last rate in full.
-    heading = turned - 0.5 * step * yaw - step * step * (1.0 / 12.0) * response.yaw
-    sine, cosine = sine_cosine(heading, DOUBLE if form.precision == "double" else SINGLE)
-    weight = uniform["path_weight"]
-    slots.write("x_sum", slots.read("x_sum") + weight * (surge * cosine - sway * sine))
-    slots.write("y_sum", slots.read("y_sum") + weight * (surge * sine + sway * cosine))
-    over_ground = surge + body.current_x * cosine + body.current_y * sine
-    slots.write("surge_sum", slots.read("surge_sum") + uniform["window_weight"] * over_ground)
-    slots.write("heading", heading)
-
-
-def _loop(indent: int, lanes: int, body: Sequence[str]) -> list[str]:
-    return [" " * indent + f"for i in range({lanes}):", *(" " * (indent + 4) + line for line in body)]
+def _straight_code(form: Form) -> Code:
+    """Return the code of a form without a loop over the links."""
+    slots, lanes = _Slots(form.lanes), form.lanes
+    _trace_step(form, slots)
+    constants = {"ZERO": 0.0}
+    step = slots.tape.lines(slots.written, constants)
+    results = [name for name in slots.index if slots.place(name) in slots.written]
+    parameters = [name for name in slots.index if name not in results]
+    gather, scatter = (
+        [
+            (f"chunk * {len(names) * lanes} + {column * lanes} + i", slots.place(name))
+            for column, name in enumerate(names)
+        ]
+        for names in (parameters, results)
+    )
+    return Code(
+        size=f"{len(slots.index) * lanes}",
+        gather=lane_loop(0, lanes, [f"{place} = parameters[{source}]" for source, place in gather]),
+        step=lane_loop(0, lanes, step),
+        scatter=lane_loop(0, lanes, [f"results[{target}] = {place}" for target, place in scatter]),
+        parameters=tuple(parameters),
+        results=tuple(results),
+        constants=constants,
+        operations=slots.tape.count(slots.written.values()),
+    )
 
 
 @cache
 def generate(form: Form) -> LaneKernel:
     """Return the code for a form, compiled when it is first called."""
-    tape = Tape()
-    slots = _Slots(tape, form.lanes)
-    _trace_step(form, tape, slots)
-    constants = {"ZERO": 0.0}
-    step = tape.lines(slots.written, constants)
-    written = [name for name in slots.index if slots.place(name) in slots.written]
-    parameters = [name for name in slots.index if name not in written]
-    table = [*WEIGHTS, *(f"{name}_{joint}" for joint in range(form.driven) for name in DRIVE_FIELDS)]
-    lanes, real = form.lanes, "float64" if form.precision == "double" else "float32"
-    gather, scatter = (
-        [
-            [f"chunk * {len(names) * lanes} + {column * lanes} + i", slots.place(name)]
-            for column, name in enumerate(names)
-        ]
-        for names in (parameters, written)
-    )
+    rolled = form.links > max(LONGEST_STRAIGHT_CHAIN, form.driven)
+    code = rolled_code(form) if rolled else _straight_code(form)
+    table, real = table_names(form), "float64" if form.precision == "double" else "float32"
     lines = [
         '"""Generated by fin_sim.batch.kernel; see there."""',
         f"import math\nfrom numpy import empty, floor as math_floor, {real} as Real",
         "from fin_sim.compiled import kernel",
-        *(f"{name} = Real({value!r})" for name, value in constants.items()),
+        *(f"{name} = Real({value!r})" for name, value in code.constants.items()),
         "@kernel",
-        "def advance(parameters, table, uniform, results, first, last, steps):",
-        f"    work = empty({len(slots.index) * lanes}, Real)",
+        "def advance(parameters, table, uniform, results, first, last, steps, links):",
+        f"    work = empty({code.size}, Real)",
         *(f"    {name} = uniform[{index}]" for index, name in enumerate(UNIFORM)),
         "    for chunk in range(first, last):",
         "        work[:] = ZERO",
-        *_loop(8, lanes, [f"{place} = parameters[{source}]" for source, place in gather]),
+        *(f"        {line}" for line in code.gather),
         "        for index in range(steps):",
         *(f"            {name} = table[index * {len(table)} + {column}]" for column, name in enumerate(table)),
-        *_loop(12, lanes, step),
-        *_loop(8, lanes, [f"results[{target}] = {place}" for target, place in scatter]),
+        *(f"            {line}" for line in code.step),
+        *(f"        {line}" for line in code.scatter),
     ]
     source = "\n".join(lines) + "\n"
-    module = _load(source)
-    operations = tape.count(slots.written.values())
-    return LaneKernel(module.advance, tuple(parameters), tuple(table), tuple(written), operations, source)
+    return LaneKernel(_load(source).advance, code.parameters, tuple(table), code.results, code.operations, source)
 
 
+@cache  # a long chain's code is that of all of them
 def _load(source: str) -> Any:
     """Return the module of generated code, from a file where that can be kept, so that its machine code is kept too."""
     name = "lanes_" + hashlib.sha256(source.encode()).hexdigest()[:16]

@@ -9,10 +9,11 @@ import numpy as np
 
 from fin_plant.fin import Fin
 from fin_plant.gait import GaitFollower
-from fin_sim.batch.kernel import HINGE_REACH, Form, generate
+from fin_sim.batch.kernel import generate
 from fin_sim.batch.links import lane_constants, link_columns, normal_drags
 from fin_sim.batch.proven import PROVEN_ANGLE
 from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, OF_A_MOTOR
+from fin_sim.batch.step import HINGE_REACH, Form
 from fin_sim.batch.tolerances import difference, error_floors, settled
 from fin_sim.batch.window import window_weights
 from fin_sim.chain import build_chain
@@ -71,9 +72,8 @@ def lane_figures(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray
     parameters = np.array(columns, dtype=real)[:, padded].reshape(len(columns), chunks, form.lanes)
     results = np.empty(chunks * len(kernel.results) * form.lanes, dtype=real)
     table, uniform = _shared(task)
-    kernel.advance(
-        np.ascontiguousarray(parameters.swapaxes(0, 1)).ravel(), table, uniform, results, 0, chunks, task.steps
-    )
+    flat = np.ascontiguousarray(parameters.swapaxes(0, 1)).ravel()
+    kernel.advance(flat, table, uniform, results, 0, chunks, task.steps, size)
     by_fish = results.reshape(chunks, -1, form.lanes).swapaxes(0, 1).reshape(-1, chunks * form.lanes)[:, :count]
     return _figures(task, dict(zip(kernel.results, by_fish.astype(float), strict=True)))
 
@@ -89,6 +89,7 @@ def _figures(task: Task, left: Mapping[str, NDArray[np.float64]]) -> NDArray[np.
         y = left["y_sum"] + task.fish.water.current_y * task.duration
     else:
         x, y = nothing + speed * task.duration, nothing
+    largest: NDArray[np.float64] = np.max([left[name] for name in left if name.startswith("largest_angle")], axis=0)
     columns = {
         "mean_speed": np.hypot(x, y) / task.duration,
         "mean_forward_speed": left.get("surge_sum", nothing + speed),
@@ -97,7 +98,7 @@ def _figures(task: Task, left: Mapping[str, NDArray[np.float64]]) -> NDArray[np.
         "x": x,
         "y": y,
         "heading": left.get("heading", nothing),
-        "largest_hinge_angle": left.get("largest_angle", nothing),
+        "largest_hinge_angle": largest,
     }
     columns |= dict.fromkeys(OF_A_MOTOR, nothing)
     return np.column_stack([columns[name] + sound for name in FIGURES])

@@ -16,12 +16,13 @@ from fin_plant import checks, validity
 from fin_plant.gait import PAPER_GAIT
 from fin_sim.batch.columns import PROFILE, accepted, fin_columns
 from fin_sim.batch.general_kernel import swim_by_general_kernel
-from fin_sim.batch.kernel import LEAST_DAMPING
 from fin_sim.batch.lanes import swim_in_lanes
 from fin_sim.batch.links import least_damping_times
 from fin_sim.batch.proven import proven_fins
 from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, OF_A_MOTOR, BatchSwim, Status
+from fin_sim.batch.step import LEAST_DAMPING
 from fin_sim.batch.task import checked_task
+from fin_sim.chain import MAXIMUM_LINKS
 from fin_sim.swim import PAPER_FISH, RAMP_TIME
 
 if TYPE_CHECKING:
@@ -36,12 +37,8 @@ if TYPE_CHECKING:
     from fin_sim.chain import Clamp, Reactive
     from fin_sim.fish import Fish
 
-LONGEST_LANE_CHAIN = 12
-"""Links up to which code is generated: each link adds a second to the first call's compilation."""
-
-
 _BLOCK = 2048
-"""Fins set up at a time by one thread: what bounds the memory, some 2 MB a thread."""
+"""Fins set up at a time by one thread: what bounds the memory, some 2 MB a thread, 10 for the longest chains."""
 
 
 _STEP_PARTS = (1, 2, 4)
@@ -78,7 +75,7 @@ def _pieces(task: Task, columns: Mapping[str, NDArray[np.generic]], chosen: NDAr
             same = chosen & (columns["hinges"] == hinges) & (columns["segments"] == segments)
             passive = segments - 1 if hinges == "between" else segments
             parts = np.where(profiled, 0, least_parts if passive else 1)
-            if passive + task.fish.driven_joints > LONGEST_LANE_CHAIN or task.fish.motor:
+            if task.fish.motor or passive + task.fish.driven_joints > MAXIMUM_LINKS:  # which no chain can have
                 parts = np.zeros_like(parts)
             for first, known, plain in product((*_STEP_PARTS, 0), (True, False), (True, False)):
                 indices = np.flatnonzero(same & (parts == first) & (proven == known) & (straight == plain))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, cast
 import numpy as np
 
 from fin_plant import checks
-from fin_sim.batch.kernel import LANES
+from fin_sim.batch.step import LANES
 from fin_sim.chain import CLAMPS, Clamp, Reactive, convective_form, refuse_unready
 
 if TYPE_CHECKING:

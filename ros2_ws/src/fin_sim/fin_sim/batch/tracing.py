@@ -102,9 +102,10 @@ def select(condition: Real, if_not_negative: Real, if_negative: Real) -> Real:
 
 
 class Tape:
-    """The operations of one function, in their order."""
+    """The operations of one function, in their order; ``prefix`` begins the names of the numbers in the text."""
 
-    def __init__(self) -> None:
+    def __init__(self, prefix: str = "t") -> None:
+        self._prefix = prefix
         self._operations: list[tuple[str, tuple[int | float, ...]]] = []
         self._known: dict[tuple[str, tuple[int | float | str, ...]], Number] = {}
 
@@ -146,7 +147,7 @@ class Tape:
 
         def text(key: float) -> str:
             if isinstance(key, int):
-                return f"t{key}"
+                return f"{self._prefix}{key}"
             name = next((name for name, value in constants.items() if repr(value) == repr(key)), None)
             if name is None:
                 name = f"C{len(constants)}"
@@ -158,7 +159,7 @@ class Tape:
         for index, (operation, keys) in enumerate(self._operations):
             if index in needed:
                 source = operation[5:] if operation.startswith("load ") else _TEXT[operation].format(*map(text, keys))
-                statements.append(f"t{index} = {source}")
+                statements.append(f"{self._prefix}{index} = {source}")
         for target, value in results.items():
             statements.append(f"{target} = {text(value.index if isinstance(value, Number) else float(value))}")
         return statements
