@@ -159,7 +159,7 @@ def off(swim: RandomSwim) -> float:
     shape = {"gait": swim.gait, "duration": swim.duration, "reactive": swim.reactive, "clamp": swim.clamp}
     timing = {"ramp_time": swim.ramp_time, "settle": swim.settle}
     swum = swim_batch([swim.fin], PAPER_FISH, **shape, **timing)  # type: ignore[arg-type]
-    task = checked_task(PAPER_FISH, **shape, **timing, tow_speed=0.0, step=None, precision="double")  # type: ignore[arg-type]
+    task = checked_task(PAPER_FISH, **shape, **timing, tow_speed=0.0, step=None, precision="double")
     fins = fin_columns([swim.fin])
     exact, status = swim_by_general_kernel(task, fins)
     if swum.status[0] != Status.OK or status[0] != Status.OK:
