@@ -13,7 +13,7 @@ import pytest
 
 from fin_plant.gait import Gait, JointDrive
 from fin_sim.batch import Status, kernel, swim_batch
-from fin_sim.batch.columns import fin_columns
+from fin_sim.batch.columns import fin_columns, with_gaits
 from fin_sim.batch.general_kernel import swim_by_general_kernel
 from fin_sim.batch.kernel import generate
 from fin_sim.batch.lanes import lane_figures
@@ -102,6 +102,38 @@ def test_code_with_loops_over_the_links_does_what_straight_code_does(
         rolled = lane_figures(task, columns)
         assert rolled == pytest.approx(straight, rel=1e-10 if precision == "double" else 1e-3, abs=1e-12)
         assert np.abs(straight[:, 0]).min() > 0.0 or clamp == "fixed"
+
+
+@pytest.mark.parametrize("links", [0, 100])
+def test_a_gait_of_its_own_moves_a_fish_as_one_that_all_share(links: int, interpreted: Callable[[int], None]) -> None:
+    fish, columns = replace(PAPER_FISH, peduncle=THREE_SERVOS), fin_columns(paper_columns(young_modulus=[2e8, 1e9]))
+    gait = Gait((*GAITS[3].joints[:2], JointDrive(0.4, 1.3, -1.0, 0.2)))
+    task = task_of(fish, "free", "distributed", "double", gait)
+    interpreted(links)
+    for ramp_time in (0.05, 0.0):
+        shared = lane_figures(replace(task, ramp_time=ramp_time), columns)
+        own = lane_figures(replace(task, gait=None, ramp_time=ramp_time), with_gaits(columns, [gait.rows()] * 2, 3))
+        assert own == pytest.approx(shared, rel=1e-9, abs=1e-12)
+
+
+def test_a_profile_along_a_straight_line_changes_nothing_and_one_beside_it_does(
+    interpreted: Callable[[int], None],
+) -> None:
+    fish = replace(PAPER_FISH, water=replace(PAPER_FISH.water, oscillating_drag=1.5))
+    plain = paper_columns(segments=4, hinges="midpoint", tip_height=0.045, young_modulus=[2e8, 1e9])
+    task = task_of(fish, "free", "distributed", "double", GAITS[1])
+    interpreted(0)
+    straight = lane_figures(task, fin_columns(plain))
+    at = np.array([0.05, 0.1, 0.5, 0.85])
+    on_line = 0.025 + (0.045 - 0.025) * at
+    along = lane_figures(task, fin_columns({**plain, "profile_position": at, "profile_height": on_line}))
+    assert along == pytest.approx(straight, rel=1e-9, abs=1e-12)
+    positions, heights = np.array([at, at]), np.array([on_line, on_line])
+    heights[1, :2] = 0.01
+    positions[1, 2:] = heights[1, 2:] = np.nan
+    mixed = lane_figures(task, fin_columns({**plain, "profile_position": positions, "profile_height": heights}))
+    assert mixed[0] == pytest.approx(straight[0], rel=1e-9, abs=1e-12)
+    assert mixed[1, 0] != pytest.approx(straight[1, 0], rel=1e-3)
 
 
 @pytest.mark.parametrize("clamp", ["free", "fixed"])

@@ -34,38 +34,47 @@ STATIONS, _WEIGHTS = 0.5 * (1.0 + _POINTS), 0.5 * _WEIGHTS
 
 
 def velocity_amplitudes(
-    gait: Gait, joints: NDArray[np.float64], places: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
+    gaits: NDArray[np.float64], joints: NDArray[np.float64], places: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the amplitude in m/s of the straight, rigidly driven tail's velocity across itself, and the beat in s.
 
     Joints of one frequency add up by their phases; of several, the amplitude is the root of the summed squares. The
-    beat is that of the first joint that is driven to and fro; infinite where none is.
+    beat, shape (fins or 1,), is that of the first joint that is driven to and fro; infinite where none is.
 
     Args:
-        gait: One row for each driven joint.
+        gaits: As `Gait.rows`, shape (fins or 1, driven, 4).
         joints: Distances of the driven joints behind the first link's, m, shape (fins, driven).
         places: Distances of the places asked for, m, shape (fins, ...).
     """
+    spread = (-1, *[1] * (places.ndim - 1))
+    amplitude, frequency, phase = (gaits[:, :, column] for column in range(3))
+    beats = (amplitude > 0.0) & (frequency > 0.0)
+    levers = [np.maximum(places - place.reshape(spread), 0.0) for place in joints.T]
     squares = np.zeros(places.shape)
-    beating = [joint.frequency for joint in gait.joints if joint.amplitude > 0.0 and joint.frequency > 0.0]
-    for frequency in sorted(set(beating)):
+    for joint in range(gaits.shape[1]):
+        alike = beats & beats[:, joint, None] & (frequency == frequency[:, joint, None])
+        alike[alike[:, :joint].any(axis=1)] = False  # they are counted with the first joint of their frequency
+        weight = np.where(alike, 2.0 * np.pi * frequency * amplitude, 0.0) * np.exp(1j * phase)
         phasor = np.zeros(places.shape, dtype=complex)
-        for joint, place in zip(gait.joints, joints.T, strict=True):
-            if joint.frequency == frequency:
-                lever = np.maximum(places - place.reshape(-1, *[1] * (places.ndim - 1)), 0.0)
-                phasor += 2.0 * np.pi * frequency * joint.amplitude * np.exp(1j * joint.phase) * lever
+        for lever, part in zip(levers, weight.T, strict=True):
+            phasor += part.reshape(spread) * lever
         squares += np.abs(phasor) ** 2
-    return np.sqrt(squares), 1.0 / beating[0] if beating else np.inf
+    first = np.take_along_axis(frequency, np.argmax(beats, axis=1)[:, None], axis=1)[:, 0]
+    return np.sqrt(squares), np.divide(1.0, first, out=np.full(len(first), np.inf), where=beats.any(axis=1))
 
 
 def link_coefficients(
-    water: Water, gait: Gait, lengths: NDArray[np.float64], heights: NDArray[np.float64], driven: Sequence[int]
+    water: Water,
+    gaits: NDArray[np.float64],
+    lengths: NDArray[np.float64],
+    heights: NDArray[np.float64],
+    driven: Sequence[int],
 ) -> NDArray[np.float64]:
     """Return C_N of the links of many tails, shape (fins, links).
 
     Args:
         water: Its ``oscillating_drag`` is a, its ``normal_drag`` the steady coefficient.
-        gait: One row for each driven joint.
+        gaits: As `Gait.rows`, shape (fins or 1, driven, 4).
         lengths: Of the links, m, shape (fins, links).
         heights: At `STATIONS`, m, shape (fins, links, points).
         driven: Which links' joints are driven.
@@ -73,9 +82,8 @@ def link_coefficients(
     ends = np.cumsum(lengths, axis=1)
     begins = ends - lengths
     places = begins[:, :, None] + lengths[:, :, None] * STATIONS
-    speed, beat = velocity_amplitudes(gait, begins[:, list(driven)], places)
-    if not np.isfinite(beat):
-        return np.full(lengths.shape, water.normal_drag)
+    speed, beat = velocity_amplitudes(gaits, begins[:, list(driven)], places)
+    beat = beat.reshape(-1, 1, 1)  # of a tail that is not driven it is infinite, and speed and weight are 0
     # a KC^(-1/3) d U^3 with KC = U T / d, written without dividing by what may be 0
     oscillating = water.oscillating_drag * (heights / beat) ** (1.0 / 3.0) * heights * speed ** (8.0 / 3.0)
     weight = heights * speed**3
@@ -90,4 +98,4 @@ def chain_coefficients(water: Water, gait: Gait, links: Sequence[Link], driven: 
     heights = [np.interp(STATIONS * link.length, *np.array(link.stations).T) for link in links]
     lengths = np.array([[link.length for link in links]])
     which = [index for index, is_driven in enumerate(driven) if is_driven]
-    return tuple(link_coefficients(water, gait, lengths, np.array([heights]), which)[0].tolist())
+    return tuple(link_coefficients(water, gait.rows()[None], lengths, np.array([heights]), which)[0].tolist())

@@ -73,6 +73,34 @@ class LaneLink:
 
 
 @dataclass(frozen=True)
+class LanePiece:
+    """The part of a link between two points of the fin's profile.
+
+    Attributes:
+        begin: Distance of its front behind the link's joint, m.
+        length: m; 0 of what only fills up the number of pieces.
+        resistive_force: As of a link, about the piece's front; so are the others.
+        resistive_moment: Likewise.
+        taper_force: Likewise.
+        taper_moment: Likewise.
+    """
+
+    begin: Real
+    length: Real
+    resistive_force: Real
+    resistive_moment: Real
+    taper_force: Real
+    taper_moment: Real
+
+
+@dataclass(frozen=True)
+class ProfiledLink(LaneLink):
+    """A link whose height is linear in pieces: they take the place of its own resistive constants, which are 0."""
+
+    pieces: tuple[LanePiece, ...]
+
+
+@dataclass(frozen=True)
 class LaneBody:
     """The body's constants in the order of `Chain.body_vector`."""
 
@@ -97,6 +125,36 @@ class Drive:
     cosine: Real
     rate: Real
     acceleration: Real
+
+
+@dataclass(frozen=True)
+class Beat:
+    """One fish's own drive of a joint: the columns of a gait, the frequency as 2 pi f in rad/s."""
+
+    amplitude: Real
+    turning: Real
+    phase: Real
+    bias: Real
+
+
+@dataclass(frozen=True)
+class Fade:
+    """How much of the gait there is at one instant, with two derivatives, and the time in s."""
+
+    value: Real
+    rate: Real
+    acceleration: Real
+    time: Real
+
+
+def driven_by(beat: Beat, fade: Fade, precision: Precision) -> Drive:
+    """Return the motion of a joint whose angle is fade (bias + amplitude sin(turning time + phase))."""
+    sine, cosine = sine_cosine(beat.turning * fade.time + beat.phase, precision)
+    swing = beat.amplitude * sine
+    wave, slope = beat.bias + swing, beat.amplitude * beat.turning * cosine
+    rate = fade.rate * wave + fade.value * slope
+    acceleration = fade.acceleration * wave + 2.0 * fade.rate * slope - fade.value * beat.turning * beat.turning * swing
+    return Drive(*sine_cosine(fade.value * wave, precision), rate, acceleration)
 
 
 @dataclass(frozen=True)
@@ -175,7 +233,7 @@ def slip_angle(forward: Real, sideways: Real, speed: Real, precision: Precision)
     return select(sideways, angle, -angle)
 
 
-def resistive_wrench(front: Real, rear: Real, link: LaneLink) -> tuple[Real, Real]:
+def resistive_wrench(front: Real, rear: Real, link: LaneLink | LanePiece) -> tuple[Real, Real]:
     """Return the integrals over a link of c v |v| and s c v |v|, v changing linearly from ``front`` to ``rear``.
 
     c = -1/2 rho C_N d, linear along the link. With a and b for front and rear, the integral of s^j v |v| follows from
@@ -197,6 +255,19 @@ def resistive_wrench(front: Real, rear: Real, link: LaneLink) -> tuple[Real, Rea
     second = select(product, kept, select(rear, turned, -turned))
     force = link.resistive_force * plain + link.taper_force * first
     return force, link.resistive_moment * first + link.taper_moment * second
+
+
+def _resistance(link: LaneLink, normal: Real, turn: Real) -> tuple[Real, Real]:
+    """Return the resistive force on a link and its moment about the link's joint."""
+    if not isinstance(link, ProfiledLink):
+        return resistive_wrench(normal, normal - link.length * turn, link)
+    force: Real = 0.0
+    moment: Real = 0.0
+    for piece in link.pieces:
+        front = normal - piece.begin * turn
+        own, own_moment = resistive_wrench(front, front - piece.length * turn, piece)
+        force, moment = force + own, moment + (own_moment + piece.begin * own)
+    return force, moment
 
 
 @dataclass
@@ -278,7 +349,7 @@ def _water(wrench: Wrench, link: LaneLink, motion: Motion, *, distributed: bool,
     """Add the link's own inertia and what the water does to it; motion is along, normal velocity and yaw rate."""
     along, normal, turn = motion
     end = normal - link.length * turn
-    resist, resist_moment = resistive_wrench(normal, end, link)
+    resist, resist_moment = _resistance(link, normal, turn)
     force_n: Real = resist
     force_e: Real = 0.0
     wrench.q += resist_moment

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fin_plant.gait import Gait
 from fin_sim.batch.columns import fin_at
 from fin_sim.batch.result import FIGURES, Status
-from fin_sim.batch.task import LEAST_STEPS, window_step
+from fin_sim.batch.task import LEAST_STEPS, fastest_joints, window_step
 from fin_sim.batch.tolerances import difference, error_floors, settled
 from fin_sim.batch.window import window_weights
 from fin_sim.chain import build_chain
@@ -29,12 +30,12 @@ GENERAL_STEPS_A_BEAT, GENERAL_RAMP_STEPS = 100.0, 16.0
 _HALVINGS = 6
 
 
-def _general_figures(task: Task, fin: Fin, steps: int) -> NDArray[np.float64]:
+def _general_figures(task: Task, gait: Gait, fin: Fin, steps: int) -> NDArray[np.float64]:
     """Return the figures of one fin by the general kernel in so many steps, shape (figures,); NaN if it diverged."""
     step = task.duration / steps
     chain = build_chain(task.fish, fin, reactive=task.reactive, clamp=task.clamp, tow_speed=task.tow_speed)
     try:
-        swum = swim_chain(chain, task.gait, task.duration, ramp_time=task.ramp_time, step=step, sample_time=step)
+        swum = swim_chain(chain, gait, task.duration, ramp_time=task.ramp_time, step=step, sample_time=step)
     except StepError:
         return np.full(len(FIGURES), np.nan)
     samples = len(swum.time)
@@ -61,19 +62,21 @@ def swim_by_general_kernel(
     task: Task, fins: Mapping[str, NDArray[np.generic]]
 ) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
     """Return the figures of one fin by the general kernel, shape (1, figures), and its status, shape (1,)."""
-    fin, floors = fin_at(fins, 0), error_floors(task, fins)
+    fin, floors, gaits = fin_at(fins, 0), error_floors(task, fins), task.gaits(fins)
+    gait = Gait.from_rows(gaits[0])
     step = min(GENERAL_STEP, task.step)
     if task.fish.motor:
         step = min(step, task.fish.motor.longest_step)
-    if task.fastest > 0.0:
-        step = min(step, 1.0 / (GENERAL_STEPS_A_BEAT * task.fastest))
+    fastest = float(fastest_joints(gaits)[0])
+    if fastest > 0.0:
+        step = min(step, 1.0 / (GENERAL_STEPS_A_BEAT * fastest))
         if task.ramp_time > 0.0:
             step = min(step, max(task.ramp_time / GENERAL_RAMP_STEPS, 0.1 * step))
     step = min(step, window_step(task.duration, task.settle))
     steps = max(LEAST_STEPS, int(np.ceil(task.duration / step)))
-    coarse, before = _general_figures(task, fin, steps)[None], np.array([np.inf])
+    coarse, before = _general_figures(task, gait, fin, steps)[None], np.array([np.inf])
     for halving in range(1, _HALVINGS + 1):
-        fine = _general_figures(task, fin, steps * 2**halving)[None]
+        fine = _general_figures(task, gait, fin, steps * 2**halving)[None]
         last = difference(coarse, fine, floors)
         if settled(last, before)[0]:
             return fine, np.array([Status.OK], dtype=np.int8)

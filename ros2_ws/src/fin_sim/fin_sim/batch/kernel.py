@@ -46,7 +46,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 LONGEST_STRAIGHT_CHAIN = 7
-"""Links up to which the code has no loop over them: beyond, that is no faster and takes longer to compile."""
+"""Links up to which the code has no loop over them: beyond, that is no faster and takes longer to compile. Fish with
+gaits of their own, and fins with a profile, swim by code with loops whatever their length: one compilation for all."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def _trace_step(form: Form, slots: _Slots) -> None:
     links = [link_at(form, slots, index) for index in range(form.links)]
     uniform = Uniform.load(form, slots.tape)
     passive = range(form.driven, form.links)
-    drives = [drive_at(slots.tape, joint) for joint in range(form.driven)]
+    drives = [drive_at(form, slots, joint) for joint in range(form.driven)]
     hinges = [predicted_hinge(slots, joint, uniform.step) for joint in passive]
     response = respond(
         uniform.body,
@@ -149,7 +150,7 @@ def _straight_code(form: Form) -> Code:
 @cache
 def generate(form: Form) -> LaneKernel:
     """Return the code for a form, compiled when it is first called."""
-    rolled = form.links > max(LONGEST_STRAIGHT_CHAIN, form.driven)
+    rolled = form.links > form.driven and (form.links > LONGEST_STRAIGHT_CHAIN or form.own_gaits or form.pieces > 1)
     code = rolled_code(form) if rolled else _straight_code(form)
     table, real = table_names(form), "float64" if form.precision == "double" else "float32"
     lines = [

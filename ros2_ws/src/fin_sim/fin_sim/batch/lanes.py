@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_plant.fin import Fin
-from fin_plant.gait import GaitFollower
+from fin_plant.gait import GaitFollower, smooth_step
 from fin_sim.batch.kernel import generate
 from fin_sim.batch.links import lane_constants, link_columns, normal_drags
 from fin_sim.batch.proven import PROVEN_ANGLE
 from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, OF_A_MOTOR
-from fin_sim.batch.step import HINGE_REACH, Form
+from fin_sim.batch.step import BEAT_FIELDS, HINGE_REACH, Form
 from fin_sim.batch.tolerances import difference, error_floors, settled
 from fin_sim.batch.window import window_weights
 from fin_sim.chain import build_chain
@@ -31,22 +31,44 @@ _HALVINGS = 2
 @lru_cache(maxsize=8)  # a search swims batch after batch with the same gait
 def _shared(task: Task) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Return what a lane kernel needs to know of each step, flat (steps, columns), and of all steps, (``UNIFORM``,)."""
-    follower = GaitFollower(task.fish.driven_joints, task.ramp_time, as_asked=True)
-    follower.command(task.gait, 0.0)
-    motion = follower.motion(np.linspace(task.step, task.duration, task.steps))
+    times = np.linspace(task.step, task.duration, task.steps)
     window = window_weights(task.steps + 1, task.settle / task.step)[1:]
     path = task.duration * window_weights(task.steps + 1, 0.0)[1:]
-    angle, rate, acceleration = np.moveaxis(motion, 2, 0)
-    drives = np.stack((np.sin(angle), np.cos(angle), rate, acceleration), axis=2)
     real = np.float64 if task.precision == "double" else np.float32
-    table = np.column_stack((window, path, drives.reshape(task.steps, -1)))
+    table = np.column_stack((window, path, _drives(task, times)))
     chain = build_chain(task.fish, Fin(), clamp=task.clamp, tow_speed=task.tow_speed)
     uniform = np.array([*chain.body_vector(), task.step, *chain.held_velocity])
     return np.asarray(table, dtype=real).ravel(), np.asarray(uniform, dtype=real)
 
 
+def _drives(task: Task, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what a lane kernel knows of the gait at ``times`` s, shape (times, columns)."""
+    if task.gait is None:
+        fade = np.ones((4, len(times)))
+        fade[1:3] = 0.0
+        if task.ramp_time > 0.0:
+            per_second = np.array([[1.0], [1.0 / task.ramp_time], [1.0 / task.ramp_time**2]])
+            fade[:3] = smooth_step(times / task.ramp_time)[:3] * per_second
+        fade[3] = times
+        return fade.T
+    follower = GaitFollower(task.fish.driven_joints, task.ramp_time, as_asked=True)
+    follower.command(task.gait, 0.0)
+    angle, rate, acceleration = np.moveaxis(follower.motion(times), 2, 0)
+    drives = np.stack((np.sin(angle), np.cos(angle), rate, acceleration), axis=2)
+    return np.asarray(drives.reshape(len(times), -1))
+
+
+def _beats(gaits: NDArray[np.float64], links: int) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of `Beat` of every joint, each of shape (n, links); 0 where none is driven."""
+    columns = np.zeros((len(BEAT_FIELDS), len(gaits), links))
+    columns[:, :, : gaits.shape[1]] = np.moveaxis(gaits, 2, 0)
+    beats = dict(zip(BEAT_FIELDS, columns, strict=True))
+    beats["turning"] *= 2.0 * np.pi
+    return beats
+
+
 def lane_figures(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
-    """Return the figures of one block of fins of equal segments and hinges, shape (n, figures)."""
+    """Return the figures of one block of fins of equal segments, hinges and pieces, shape (n, figures)."""
     links = link_columns(task.fish, fins)
     count, size = links["length"].shape
     driven = task.fish.driven_joints
@@ -55,14 +77,19 @@ def lane_figures(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray
         size,
         task.clamp == "free",
         task.reactive == "distributed",
-        bool(np.any(links["root_height"] != links["tip_height"])),
+        "piece_begin" in links or bool(np.any(links["root_height"] != links["tip_height"])),
         task.precision,
         task.fish.body.linear_drag > 0.0,
         task.fish.water.flows,
+        task.gait is None,
+        links["piece_begin"].shape[2] if "piece_begin" in links else 1,
     )
     kernel = generate(form)
     reach = HINGE_REACH * task.step
-    constants = lane_constants(links, task.fish.water, normal_drags(links, task.fish, task.gait))
+    gaits = task.gaits(fins)
+    constants = lane_constants(links, task.fish.water, normal_drags(links, fins, task.fish, gaits))
+    if task.gait is None:
+        constants |= _beats(gaits, size)
     constants |= {name: links[name] for name in ("stiffness", "damping")}
     constants["compliance"] = reach * (reach * links["stiffness"] + links["damping"])
     columns = [constants[name.rpartition("_")[0]][:, int(name.rpartition("_")[2])] for name in kernel.parameters]

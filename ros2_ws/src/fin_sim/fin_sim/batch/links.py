@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, cast
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fin_sim.batch.columns import NAMES, WORDS
-from fin_sim.batch.equations import LaneLink
+from fin_sim.batch.columns import NAMES, PROFILE, WORDS, highest_heights
+from fin_sim.batch.step import PIECE_FIELDS, piece_field
 from fin_sim.oscillating_drag import STATIONS, link_coefficients
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
-    from fin_plant.gait import Gait
     from fin_sim.fish import Fish, Water
 
 
@@ -30,20 +30,73 @@ def stiffness_per_height(fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.
 
 def least_damping_times(fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
     """Return the least damping over stiffness of any hinge that the fins could have, s, shape (n,)."""
-    highest = np.maximum(fins["height"].astype(float), fins["tip_height"].astype(float))
     with np.errstate(all="ignore"):  # a fin that is refused may be of any size
-        own = fins["hinge_damping"].astype(float) / (stiffness_per_height(fins) * highest)
+        own = fins["hinge_damping"].astype(float) / (stiffness_per_height(fins) * highest_heights(fins))
     return np.asarray(fins["damping_time"].astype(float) + own)
 
 
+def _ends(hinges: str, segments: int) -> NDArray[np.float64]:
+    """Return where links begin and the last one ends, in parts of the fin's length, shape (links + 1,)."""
+    inner = np.arange(1, segments) if hinges == "between" else np.arange(segments) + 0.5
+    return np.concatenate(([0.0], inner / segments, [1.0]))
+
+
+def _stations(fins: Mapping[str, NDArray[np.generic]]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where the fins' heights are given and these, shapes (n, points): root, profile, tip, the tip repeated."""
+    height, tip = fins["height"].astype(float)[:, None], fins["tip_height"].astype(float)[:, None]
+    begin, end = np.zeros_like(height), np.ones_like(height)
+    if PROFILE[0] not in fins:
+        return np.hstack((begin, end)), np.hstack((height, tip))
+    at, heights = (fins[name].astype(float) for name in PROFILE)
+    missing = np.isnan(at)
+    return (
+        np.hstack((begin, np.where(missing, 1.0, at), end)),
+        np.hstack((height, np.where(missing, tip, heights), tip)),
+    )
+
+
+def _heights_at(fins: Mapping[str, NDArray[np.generic]], places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the fins' heights at places in parts of their lengths, both of shape (n, places), or places (places,)."""
+    at, heights = _stations(fins)
+    places = np.broadcast_to(places, (len(at), places.shape[-1]))
+    if at.shape[1] == 2:  # noqa: PLR2004  (root and tip)
+        return heights[:, :1] * (1.0 - places) + heights[:, 1:] * places
+    piece = np.zeros(places.shape, dtype=int)
+    for column in at[:, 1:-1].T:
+        piece += places >= column[:, None]
+    front, rear, low, high = (
+        np.take_along_axis(table, piece + shift, axis=1) for table in (at, heights) for shift in (0, 1)
+    )
+    width = rear - front
+    share = np.divide(places - front, width, out=np.zeros_like(width), where=width > 0.0)
+    return low * (1.0 - share) + high * share
+
+
+def piece_counts(fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.intp]:
+    """Return the most pieces between two points of its profile that a link of each fin has, shape (n,)."""
+    counts = np.ones(len(fins["length"]), dtype=np.intp)
+    if PROFILE[0] not in fins:
+        return counts
+    kinds = np.char.add(fins["hinges"].astype(str), np.char.mod("_%d", fins["segments"].astype(int)))
+    for kind in np.unique(kinds):
+        rows = np.flatnonzero(kinds == kind)
+        ends = _ends(str(fins["hinges"][rows[0]]), int(fins["segments"][rows[0]]))
+        at = fins[PROFILE[0]].astype(float)[rows]
+        for start, end in pairwise(ends):
+            counts[rows] = np.maximum(counts[rows], 1 + np.count_nonzero((at > start) & (at < end), axis=1))
+    return counts
+
+
 def link_columns(fish: Fish, fins: Mapping[str, NDArray[np.generic]]) -> dict[str, NDArray[np.float64]]:
-    """Return the links of fins of equal segments and hinges, by attribute of `Link`, each of shape (n, links)."""
+    """Return the links of fins of equal segments and hinges, by attribute of `Link`, each of shape (n, links).
+
+    Where a link has several pieces there are ``piece_begin`` and so on too, each of shape (n, links, pieces); what a
+    link has fewer than the others ends with pieces of no length.
+    """
     count = len(fins["length"])
     number = {name: fins[name].astype(float)[:, None] for name in NAMES if name not in WORDS}
-    segments = int(fins["segments"][0])
-    inner = np.arange(1, segments) if fins["hinges"][0] == "between" else np.arange(segments) + 0.5
-    at = np.concatenate(([0.0], inner / segments, [1.0]))
-    heights = number["height"] * (1.0 - at) + number["tip_height"] * at
+    at = _ends(str(fins["hinges"][0]), int(fins["segments"][0]))
+    heights = _heights_at(fins, at)
     stiffness = heights[:, :-1] * stiffness_per_height(fins)[:, None]
     tail = {
         "length": number["length"] * np.diff(at),
@@ -53,53 +106,126 @@ def link_columns(fish: Fish, fins: Mapping[str, NDArray[np.generic]]) -> dict[st
         "stiffness": stiffness,
         "damping": stiffness * number["damping_time"] + number["hinge_damping"],
     }
-    return {
+    links = {
         name: np.hstack((np.tile([getattr(link, name) for link in fish.peduncle], (count, 1)), column))
         for name, column in tail.items()
     }
+    most = int(piece_counts(fins).max(initial=1))
+    return links | _pieces(links, fins, at, most) if most > 1 else links
 
 
-def normal_drags(links: Mapping[str, NDArray[np.float64]], fish: Fish, gait: Gait) -> NDArray[np.float64] | float:
-    """Return C_N of every link, shape (n, links), or the one of all where it does not depend on the gait."""
+def _pieces(
+    links: Mapping[str, NDArray[np.float64]],
+    fins: Mapping[str, NDArray[np.generic]],
+    at: NDArray[np.float64],
+    most: int,
+) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of so many pieces of each link: distance behind the joint, length, both heights."""
+    points, heights = (table[:, 1:-1] for table in _stations(fins))
+    shape = (*links["length"].shape, most + 1)
+    place, height = np.empty(shape), np.empty(shape)
+    place[:], height[:] = links["length"][:, :, None], links["tip_height"][:, :, None]
+    place[:, :, 0], height[:, :, 0] = 0.0, links["root_height"]
+    first = shape[1] - len(at) + 1  # the links before are the peduncle's
+    for link, (start, end) in enumerate(pairwise(at), start=first):
+        inside = (points > start) & (points < end)
+        rank = np.cumsum(inside, axis=1)
+        for piece in range(1, most):
+            row, column = np.nonzero(inside & (rank == piece))
+            place[row, link, piece] = (points[row, column] - start) * fins["length"].astype(float)[row]
+            height[row, link, piece] = heights[row, column]
+    return {
+        "piece_begin": place[:, :, :-1],
+        "piece_length": np.diff(place, axis=2),
+        "piece_root": height[:, :, :-1],
+        "piece_tip": height[:, :, 1:],
+    }
+
+
+def normal_drags(
+    links: Mapping[str, NDArray[np.float64]],
+    fins: Mapping[str, NDArray[np.generic]],
+    fish: Fish,
+    gaits: NDArray[np.float64],
+) -> NDArray[np.float64] | float:
+    """Return C_N of every link, shape (n, links), or the one of all where it does not depend on the gait.
+
+    Args:
+        links: Columns of `link_columns`.
+        fins: Columns of the fins.
+        fish: The fish.
+        gaits: Shape (n or 1, joints, 4).
+    """
     if fish.water.oscillating_drag == 0.0:
         return fish.water.normal_drag
     root, tip = links["root_height"][:, :, None], links["tip_height"][:, :, None]
     heights = root + (tip - root) * STATIONS
-    return link_coefficients(fish.water, gait, links["length"], heights, range(fish.driven_joints))
+    if PROFILE[0] in fins:
+        at = _ends(str(fins["hinges"][0]), int(fins["segments"][0]))
+        places = (at[:-1, None] + np.diff(at)[:, None] * STATIONS).ravel()
+        heights[:, len(fish.peduncle) :] = _heights_at(fins, places).reshape(len(heights), -1, len(STATIONS))
+    return link_coefficients(fish.water, gaits, links["length"], heights, range(fish.driven_joints))
 
 
 def lane_constants(
     links: Mapping[str, NDArray[np.float64]], water: Water, normal_drag: NDArray[np.float64] | float | None = None
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the constants of `LaneLink`, each of shape (n, links); moments of linear heights in closed form.
+    """Return the constants of `LaneLink` and its pieces, each of shape (n, links); moments in closed form.
 
     Args:
         links: Attributes of `Link`, each of shape (n, links).
         water: The water.
         normal_drag: C_N, shape (n, links) or one for all; the water's where none is given.
     """
-    length, root, tip = links["length"], links["root_height"], links["tip_height"]
-    change = tip - root
+    length, tip = links["length"], links["tip_height"]
     virtual = 0.25 * np.pi * water.density
-    virtual_moments = [
-        virtual * length ** (p + 1) * (root**2 / (p + 1) + 2.0 * root * change / (p + 2) + change**2 / (p + 3))
-        for p in range(3)
-    ]
-    solid_moments = [links["mass_per_area"] * length ** (p + 1) * (root / (p + 1) + change / (p + 2)) for p in range(3)]
     resistive = -0.5 * water.density * (water.normal_drag if normal_drag is None else normal_drag) * water.resists
+    part = {name: links.get(f"piece_{name}") for name in ("begin", "length", "root", "tip")}
+    whole = {"begin": np.zeros_like(length), "length": length, "root": links["root_height"], "tip": tip}
+    pieces = [
+        {name: whole[name] if column is None else column[:, :, place] for name, column in part.items()}
+        for place in range(1 if part["begin"] is None else part["begin"].shape[2])
+    ]
+    virtual_moments: list[NDArray[np.float64]] = [np.zeros_like(length)] * 3
+    solid_moments, resistances = list(virtual_moments), []
+    for piece in pieces:
+        own, root = piece["length"], piece["root"]
+        change = piece["tip"] - root
+        squares = [
+            virtual * own ** (p + 1) * (root**2 / (p + 1) + 2.0 * root * change / (p + 2) + change**2 / (p + 3))
+            for p in range(3)
+        ]
+        sheets = [links["mass_per_area"] * own ** (p + 1) * (root / (p + 1) + change / (p + 2)) for p in range(3)]
+        virtual_moments = [a + b for a, b in zip(virtual_moments, _shifted(squares, piece["begin"]), strict=True)]
+        solid_moments = [a + b for a, b in zip(solid_moments, _shifted(sheets, piece["begin"]), strict=True)]
+        resistances.append(
+            {
+                "resistive_force": resistive * root * own / 3.0,
+                "resistive_moment": resistive * root * own**2 / 12.0,
+                "taper_force": resistive * change * own / 12.0,
+                "taper_moment": resistive * change * own**2 / 30.0,
+            }
+        )
     normal = [v + s for v, s in zip(virtual_moments, solid_moments, strict=True)]
-    constants = LaneLink(
-        length=length,  # type: ignore[arg-type]  # columns here, numbers in the traced equations
-        along_mass=solid_moments[0],  # type: ignore[arg-type]
-        normal_mass=normal[0],  # type: ignore[arg-type]
-        normal_first=normal[1],  # type: ignore[arg-type]
-        normal_second=normal[2],  # type: ignore[arg-type]
-        virtual_mass=virtual_moments[0],  # type: ignore[arg-type]
-        virtual_first=virtual_moments[1],  # type: ignore[arg-type]
-        tip_virtual=virtual * tip**2 * (water.wake == "lighthill"),  # type: ignore[arg-type]
-        resistive_force=resistive * root * length / 3.0,  # type: ignore[arg-type]
-        resistive_moment=resistive * root * length**2 / 12.0,  # type: ignore[arg-type]
-        taper_force=resistive * change * length / 12.0,  # type: ignore[arg-type]
-        taper_moment=resistive * change * length**2 / 30.0,  # type: ignore[arg-type]
-    )
-    return cast("dict[str, NDArray[np.float64]]", vars(constants))
+    constants = {
+        "length": length,
+        "along_mass": solid_moments[0],
+        "normal_mass": normal[0],
+        "normal_first": normal[1],
+        "normal_second": normal[2],
+        "virtual_mass": virtual_moments[0],
+        "virtual_first": virtual_moments[1],
+        "tip_virtual": virtual * tip**2 * (water.wake == "lighthill"),
+    }
+    if len(pieces) == 1:
+        return constants | resistances[0]
+    for place, (piece, resistance) in enumerate(zip(pieces, resistances, strict=True)):
+        fields = {"begin": piece["begin"], "length": piece["length"], **resistance}
+        constants |= {piece_field(name, place): fields[name] for name in PIECE_FIELDS}
+    return constants
+
+
+def _shifted(moments: Sequence[NDArray[np.float64]], begin: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the moments 0 to 2 about a point ``begin`` ahead."""
+    zeroth, first, second = moments
+    return [zeroth, begin * zeroth + first, begin * (begin * zeroth + 2.0 * first) + second]

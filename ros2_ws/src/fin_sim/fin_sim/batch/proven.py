@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fin_sim.batch.columns import PROFILE
 from fin_sim.batch.links import least_damping_times, stiffness_per_height
 from fin_sim.fish import Body, Fish, Water
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from fin_plant.gait import Gait
     from fin_sim.batch.task import Task
 
     Columns = Mapping[str, NDArray[np.generic]]
@@ -73,7 +75,10 @@ _BOX_BEAT, _AREA, _DAMPING_STEPS = 1.0 / 0.9, (6e-4, 2.001e-3), 0.5
 
 def proven_fins(task: Task, fins: Columns) -> NDArray[np.bool_]:
     """Return for which fins the first step is known to be short enough, shape (n,)."""
-    beat, joint = task.beat, task.gait.joints[0]
+    if task.gait is None:
+        return np.zeros(len(fins["length"]), dtype=bool)
+    joint = task.gait.joints[0]
+    beat = _beat(task.gait)
     like_the_papers = (
         task.fish.driven_joints == 1
         and task.clamp != "towed"
@@ -84,11 +89,20 @@ def proven_fins(task: Task, fins: Columns) -> NDArray[np.bool_]:
         and task.duration - task.settle >= (1.0 - 1e-9) * beat
         and task.step <= _STEP_BEATS * beat
     )
+    known = np.zeros(len(fins["length"]), dtype=bool)
     if like_the_papers and _is_the_ellipsoid(task.fish):
-        return _sheets(task, fins)
-    if like_the_papers and _is_a_box(task):
-        return _damped_hinges(task, fins)
-    return np.zeros(len(fins["length"]), dtype=bool)
+        known = _sheets(task, fins, beat)
+    elif like_the_papers and _is_a_box(task, beat):
+        known = _damped_hinges(task, fins)
+    for name in PROFILE:
+        if name in fins:
+            known &= np.isnan(fins[name].astype(float)).all(axis=1)
+    return known
+
+
+def _beat(gait: Gait) -> float:
+    fastest = max(joint.frequency for joint in gait.joints)
+    return 1.0 / fastest if fastest > 0.0 else math.inf
 
 
 def _is_the_ellipsoid(fish: Fish) -> bool:
@@ -100,8 +114,7 @@ def _within(value: float, limits: Range) -> bool:
     return limits[0] <= value <= limits[1]
 
 
-def _sheets(task: Task, fins: Columns) -> NDArray[np.bool_]:
-    beat = task.beat
+def _sheets(task: Task, fins: Columns, beat: float) -> NDArray[np.bool_]:
     length, height, tip, thickness, density, damping = (
         fins[name].astype(float) for name in ("length", "height", "tip_height", "thickness", "density", "damping_time")
     )
@@ -124,7 +137,7 @@ def _sheets(task: Task, fins: Columns) -> NDArray[np.bool_]:
         )
 
 
-def _is_a_box(task: Task) -> bool:
+def _is_a_box(task: Task, beat: float) -> bool:
     body = task.fish.body
     alike = replace(body, **{name: getattr(_BOX.body, name) for name in _BOX_RANGES})
     return (
@@ -132,7 +145,7 @@ def _is_a_box(task: Task) -> bool:
         and all(_within(getattr(body, name), limits) for name, limits in _BOX_RANGES.items())
         and task.clamp == "free"  # a stiff fin on a held body swings on at its own frequency for too long
         and task.reactive == "tip"
-        and math.isclose(task.beat, _BOX_BEAT)
+        and math.isclose(beat, _BOX_BEAT)
     )
 
 

@@ -7,7 +7,8 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from fin_plant import validity
-from fin_sim.batch.columns import fin_at
+from fin_plant.gait import Gait
+from fin_sim.batch.columns import GAITS, fin_at
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,7 +41,7 @@ class BatchSwim:
     """Figures of n swims; NaN where the status is not OK.
 
     Attributes:
-        fins: The fins' attributes by name, each of shape (n,).
+        fins: The fins' attributes by name, each of shape (n,); profiles (n, points) and own gaits (n, joints, 4).
         status: `Status`, shape (n,).
         mean_speed: Distance over ground from start to end over the duration, m/s, shape (n,): the papers' mean speed.
         mean_forward_speed: Mean over the window of the forward velocity over ground, m/s, shape (n,).
@@ -81,6 +82,8 @@ class BatchSwim:
         if status == Status.REFUSED:
             try:
                 fin_at(self.fins, index)
+                if GAITS in self.fins:
+                    Gait.from_rows(self.fins[GAITS][index])
             except ValueError as error:
                 return str(error)
             return "the fin and the fish's peduncle together have more links than a chain can have: use fewer segments"

@@ -22,6 +22,7 @@ from dataclasses import astuple, fields
 from typing import TYPE_CHECKING
 
 from fin_sim.batch.equations import (
+    Drive,
     Hinge,
     Wrench,
     accelerate_body,
@@ -34,7 +35,6 @@ from fin_sim.batch.equations import (
 )
 from fin_sim.batch.step import (
     CORRECTOR,
-    HINGE_FIELDS,
     HINGE_HISTORY,
     HINGE_STATES,
     VELOCITIES,
@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from fin_sim.batch.step import Form
 
 _TURN = ("sine", "cosine")
+_DRIVE = (*_TURN, "drive_rate", "drive_acceleration")
 _MOTION = ("along", "normal", "turn")
 _WRENCH = tuple(f"wrench_{item.name}" for item in fields(Wrench))
 _KEPT = ("kept_e", "kept_n", "kept_inertia", "kept_bias", "kept_push", "kept_inverse")
@@ -75,8 +76,8 @@ class _Layout:
         sums = ["x_sum", "y_sum", "surge_sum", "thrust_sum", "power_sum"]
         body = [*VELOCITIES, *rates, "turned", "heading", *sums]
         states = [f"{name}_{age}" for name in HINGE_STATES for age in range(len(HINGE_HISTORY))]
-        self.parameters = (*form.link_fields, *HINGE_FIELDS)
-        carried = (*_TURN, *_MOTION, "torque", *_WRENCH, *_KEPT, *_AHEAD)
+        self.parameters = form.parameters
+        carried = (*(_DRIVE if form.own_gaits else _TURN), *_MOTION, "torque", *_WRENCH, *_KEPT, *_AHEAD)
         record = [*self.parameters, *states, "largest_angle", *carried]
         self.body = {name: index for index, name in enumerate(body)}
         self.record = {name: index for index, name in enumerate(record)}
@@ -151,7 +152,9 @@ class _Piece:
 def _begin(piece: _Piece) -> None:
     front = body_end(piece.uniform.body, predicted_velocity(piece.uniform, piece))
     for joint in range(piece.form.driven):
-        drive = drive_at(piece.tape, joint)
+        drive = drive_at(piece.form, piece, joint)
+        if piece.form.own_gaits:
+            piece.write_all(_DRIVE, astuple(drive), joint)
         motion = enter_link(front, (drive.sine, drive.cosine), drive.rate)
         piece.write_all(_MOTION, motion, joint)
         front = leave_link(motion, piece.read("length", joint))
@@ -183,7 +186,10 @@ def _inward(piece: _Piece, *, last: bool) -> None:
 
 def _body(piece: _Piece) -> None:
     form, uniform = piece.form, piece.uniform
-    drives = [drive_at(piece.tape, joint) for joint in range(form.driven)]
+    drives = [
+        Drive(*piece.read_all(_DRIVE, joint)) if form.own_gaits else drive_at(form, piece, joint)
+        for joint in range(form.driven)
+    ]
     turns = [(drive.sine, drive.cosine) for drive in drives]
     links = [link_at(form, piece, joint) for joint in range(form.driven)]
     motions = [piece.motion(_MOTION, joint) for joint in range(form.driven)]

@@ -15,7 +15,22 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Protocol
 
-from fin_sim.batch.equations import DOUBLE, SINGLE, Drive, Hinge, LaneBody, LaneLink, Motion, Precision, sine_cosine
+from fin_sim.batch.equations import (
+    DOUBLE,
+    SINGLE,
+    Beat,
+    Drive,
+    Fade,
+    Hinge,
+    LaneBody,
+    LaneLink,
+    LanePiece,
+    Motion,
+    Precision,
+    ProfiledLink,
+    driven_by,
+    sine_cosine,
+)
 from fin_sim.batch.tracing import Number, Real, Tape, absolute, maximum
 
 if TYPE_CHECKING:
@@ -35,12 +50,15 @@ LEAST_DAMPING = 0.4
 on (found from the roots of its characteristic polynomial)."""
 
 UNIFORM = (*(item.name for item in fields(LaneBody)), "step", "held_surge", "held_sway")
+PIECE_FIELDS = tuple(item.name for item in fields(LanePiece))
 LINK_FIELDS = tuple(item.name for item in fields(LaneLink))
 TAPER_FIELDS = tuple(name for name in LINK_FIELDS if name.startswith("taper"))
 HINGE_FIELDS = ("stiffness", "damping", "compliance")
 HINGE_STATES = ("angle", "rate")
 WEIGHTS = ("window_weight", "path_weight")
 DRIVE_FIELDS = tuple(item.name for item in fields(Drive))
+BEAT_FIELDS = tuple(item.name for item in fields(Beat))
+FADE_FIELDS = tuple(f"fade_{item.name}" for item in fields(Fade))
 VELOCITIES = ("surge", "sway", "yaw")
 
 
@@ -57,6 +75,8 @@ class Form:
         precision: ``double`` or ``single``.
         viscous: Whether the body has a linear drag.
         current: Whether the water flows.
+        own_gaits: Whether each fish has a gait of its own.
+        pieces: Most pieces between two points of the profile that a link has.
     """
 
     driven: int
@@ -67,6 +87,8 @@ class Form:
     precision: str = "double"
     viscous: bool = False
     current: bool = False
+    own_gaits: bool = False
+    pieces: int = 1
 
     @property
     def lanes(self) -> int:
@@ -81,7 +103,20 @@ class Form:
     @property
     def link_fields(self) -> tuple[str, ...]:
         """Names of the constants of a link that are not 0 for all fish."""
+        if self.pieces > 1:
+            own = tuple(name for name in LINK_FIELDS if name not in PIECE_FIELDS or name == "length")
+            return (*own, *(piece_field(name, place) for place in range(self.pieces) for name in PIECE_FIELDS))
         return tuple(name for name in LINK_FIELDS if self.tapered or name not in TAPER_FIELDS)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the constants of a link and its joint."""
+        return (*self.link_fields, *HINGE_FIELDS, *(BEAT_FIELDS if self.own_gaits else ()))
+
+
+def piece_field(name: str, place: int) -> str:
+    """Return the name of a constant of one piece of a link."""
+    return f"{name}@{place}"
 
 
 class Slots(Protocol):
@@ -138,14 +173,23 @@ class Uniform:
 
 def link_at(form: Form, slots: Slots, link: int) -> LaneLink:
     """Return a link's constants."""
+    varying: dict[str, Real] = {name: slots.read(name, link) for name in form.link_fields}
+    if form.pieces > 1:
+        pieces = tuple(
+            LanePiece(**{name: varying.pop(piece_field(name, place)) for name in PIECE_FIELDS})
+            for place in range(form.pieces)
+        )
+        return ProfiledLink(**dict.fromkeys(LINK_FIELDS, 0.0) | varying, pieces=pieces)
     straight: dict[str, Real] = {} if form.tapered else dict.fromkeys(TAPER_FIELDS, 0.0)
-    varying = {name: slots.read(name, link) for name in form.link_fields}
     return LaneLink(**varying, **straight)
 
 
-def drive_at(tape: Tape, joint: int) -> Drive:
+def drive_at(form: Form, slots: Slots, joint: int) -> Drive:
     """Return a driven joint's motion."""
-    return Drive(*(tape.load(f"{name}_{joint}") for name in DRIVE_FIELDS))
+    if not form.own_gaits:
+        return Drive(*(slots.tape.load(f"{name}_{joint}") for name in DRIVE_FIELDS))
+    beat = Beat(*(slots.read(name, joint) for name in BEAT_FIELDS))
+    return driven_by(beat, Fade(*map(slots.tape.load, FADE_FIELDS)), form.degrees)
 
 
 def predicted_hinge(slots: Slots, joint: int, step: Real) -> tuple[Hinge, tuple[Real, Real]]:
@@ -214,7 +258,8 @@ def sum_means(uniform: Uniform, slots: Slots, thrust: Real, power: Real) -> None
 
 def table_names(form: Form) -> list[str]:
     """Return the names of a step's numbers that all fish share."""
-    return [*WEIGHTS, *(f"{name}_{joint}" for joint in range(form.driven) for name in DRIVE_FIELDS)]
+    drives = (f"{name}_{joint}" for joint in range(form.driven) for name in DRIVE_FIELDS)
+    return [*WEIGHTS, *(FADE_FIELDS if form.own_gaits else drives)]
 
 
 def lane_loop(indent: int, lanes: int, body: Sequence[str]) -> list[str]:

@@ -5,33 +5,31 @@ from __future__ import annotations
 import contextlib
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from itertools import product
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fin_plant import checks, validity
-from fin_plant.gait import PAPER_GAIT
-from fin_sim.batch.columns import PROFILE, accepted, fin_columns
+from fin_plant.gait import PAPER_GAIT, Gait
+from fin_sim.batch.columns import accepted, fin_columns, with_gaits
 from fin_sim.batch.general_kernel import swim_by_general_kernel
 from fin_sim.batch.lanes import swim_in_lanes
-from fin_sim.batch.links import least_damping_times
+from fin_sim.batch.links import least_damping_times, piece_counts
 from fin_sim.batch.proven import proven_fins
 from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, OF_A_MOTOR, BatchSwim, Status
 from fin_sim.batch.step import LEAST_DAMPING
-from fin_sim.batch.task import checked_task
+from fin_sim.batch.task import checked_task, first_steps
 from fin_sim.chain import MAXIMUM_LINKS
 from fin_sim.swim import PAPER_FISH, RAMP_TIME
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
     from fin_plant.fin import Fin
-    from fin_plant.gait import Gait
     from fin_sim.batch.columns import FinColumns
     from fin_sim.batch.task import Precision, Task
     from fin_sim.chain import Clamp, Reactive
@@ -41,53 +39,74 @@ _BLOCK = 2048
 """Fins set up at a time by one thread: what bounds the memory, some 2 MB a thread, 10 for the longest chains."""
 
 
+_RUNGS, _MOST_DOUBLINGS = 4, 14
+"""Numbers of steps that fins with gaits of their own may have for each doubling: the more, the fewer fins share one."""
 _STEP_PARTS = (1, 2, 4)
 """Parts of the task's step with which lanes begin, where hinges have too little damping for the whole of it."""
 
 
 @dataclass(frozen=True)
 class _Piece:
-    """Fins, by their indices, that one thread swims at a time; in lanes they have equal segments and hinges.
+    """Fins, by their indices, that one thread swims at a time; in lanes they have equal segments, hinges and steps.
 
     ``parts`` is into how many parts the task's step is divided in lanes; 0 stands for the general kernel.
     """
 
+    task: Task
     indices: NDArray[np.intp]
     parts: int
     proven: bool = False
 
 
-def _pieces(task: Task, columns: Mapping[str, NDArray[np.generic]], chosen: NDArray[np.bool_]) -> Iterable[_Piece]:
+def _tasks(task: Task, steps: NDArray[np.intp]) -> dict[int, Task]:
+    """Return the task with each of these numbers of steps."""
+    return {int(count): replace(task, steps=int(count)) for count in np.unique(steps)}
+
+
+def _steps(task: Task, columns: Mapping[str, NDArray[np.generic]], step: float | None) -> NDArray[np.intp]:
+    """Return the number of the first steps of each fin, shape (n,): its gait's, rounded up to one that many share."""
+    least = np.full(len(columns["length"]), task.steps)
+    if task.gait is None and step is None:
+        wanted = task.duration / first_steps(task.gaits(columns), task.ramp_time)
+        with np.errstate(all="ignore"):  # a gait that is refused may be anything
+            rung = np.ceil(_RUNGS * np.log2(wanted / task.steps) - 1e-9)
+        rung = np.clip(np.nan_to_num(rung), 0.0, _RUNGS * _MOST_DOUBLINGS)
+        least = np.ceil(task.steps * 2.0 ** (rung / _RUNGS)).astype(np.intp)
+    return least
+
+
+def _pieces(
+    task: Task, columns: Mapping[str, NDArray[np.generic]], steps: NDArray[np.intp], chosen: NDArray[np.bool_]
+) -> Iterable[_Piece]:
     """Divide the work.
 
     How a fin swims depends on itself and on what all share, never on the other fins of the batch.
     """
     longest = least_damping_times(columns) / LEAST_DAMPING
-    least_parts = np.select([longest >= task.step / parts for parts in _STEP_PARTS], _STEP_PARTS)
+    between = columns["hinges"] == "between"
+    segments = columns["segments"].astype(np.intp)
+    passive = segments - between
+    parts = np.select([longest >= task.duration / steps / each for each in _STEP_PARTS], _STEP_PARTS)
+    parts = np.where(passive > 0, parts, 1)
+    # The motor's equations are the general kernel's alone; no chain can have more links.
+    parts[(passive + task.fish.driven_joints > MAXIMUM_LINKS) | (task.fish.motor is not None)] = 0
     straight = columns["height"] == columns["tip_height"]
-    profiled = np.zeros(len(chosen), dtype=bool)
-    for name in PROFILE:
-        if name in columns:
-            profiled |= np.array([len(profile) > 0 for profile in columns[name]], dtype=bool)
-    proven = proven_fins(task, columns)
-    for hinges in np.unique(columns["hinges"][chosen]):
-        for segments in np.unique(columns["segments"][chosen]).astype(int):
-            same = chosen & (columns["hinges"] == hinges) & (columns["segments"] == segments)
-            passive = segments - 1 if hinges == "between" else segments
-            parts = np.where(profiled, 0, least_parts if passive else 1)
-            if task.fish.motor or passive + task.fish.driven_joints > MAXIMUM_LINKS:  # which no chain can have
-                parts = np.zeros_like(parts)
-            for first, known, plain in product((*_STEP_PARTS, 0), (True, False), (True, False)):
-                indices = np.flatnonzero(same & (parts == first) & (proven == known) & (straight == plain))
-                size = _BLOCK if first else 1
-                starts = range(0, len(indices), size)
-                yield from (_Piece(indices[start : start + size], first, known) for start in starts)
+    key = np.column_stack(
+        (steps, between, segments, parts, proven_fins(task, columns), straight, piece_counts(columns))
+    )
+    kinds, which = np.unique(key[chosen], axis=0, return_inverse=True)
+    tasks, rows = _tasks(task, steps[chosen]), np.flatnonzero(chosen)
+    for number, (count, _, _, first, known, _, _) in enumerate(kinds.tolist()):
+        indices = rows[which.ravel() == number]
+        size = _BLOCK if first else 1
+        for start in range(0, len(indices), size):
+            yield _Piece(tasks[count], indices[start : start + size], first, bool(known))
 
 
 def swim_batch(
     fins: Sequence[Fin] | FinColumns,
     fish: Fish = PAPER_FISH,
-    gait: Gait = PAPER_GAIT,
+    gait: Gait | ArrayLike = PAPER_GAIT,
     duration: float = 10.0,
     *,
     reactive: Reactive = "distributed",
@@ -108,7 +127,8 @@ def swim_batch(
             default fin's), which spares building n objects. A fin that `Fin` would not accept gets the status
             ``REFUSED``.
         fish: The fish.
-        gait: The gait, one row for each driven joint.
+        gait: The gait, one row for each driven joint; or a gait for each fin, shape (n, joints, 4), each as
+            `Gait.rows`. A gait that cannot be gives the status ``REFUSED`` too.
         duration: s.
         reactive: ``distributed`` or ``tip``, see `Chain`.
         clamp: ``free``, ``fixed`` or ``towed``.
@@ -123,8 +143,11 @@ def swim_batch(
     Raises:
         ValueError: An argument other than a fin that is refused; the message names it.
     """
-    task = checked_task(fish, gait, duration, reactive, clamp, tow_speed, ramp_time, settle, step, precision)
+    shared = gait if isinstance(gait, Gait) else None
+    task = checked_task(fish, shared, duration, reactive, clamp, tow_speed, ramp_time, settle, step, precision)
     columns = fin_columns(fins)
+    if not isinstance(gait, Gait):
+        columns = with_gaits(columns, gait, fish.driven_joints)
     good = accepted(columns)
     figures = np.full((len(good), len(FIGURES)), np.nan)
     status = np.where(good, Status.OK, Status.REFUSED).astype(np.int8)
@@ -132,16 +155,16 @@ def swim_batch(
     def swim(piece: _Piece) -> None:
         fins = {name: column[piece.indices] for name, column in columns.items()}
         if piece.parts:
-            figures[piece.indices], right = swim_in_lanes(task.refined(piece.parts), fins, piece.proven)
+            figures[piece.indices], right = swim_in_lanes(piece.task.refined(piece.parts), fins, piece.proven)
             status[piece.indices] = np.where(right, Status.OK, Status.NOT_CONVERGED)
             return
         try:
-            figures[piece.indices], status[piece.indices] = swim_by_general_kernel(task, fins)
+            figures[piece.indices], status[piece.indices] = swim_by_general_kernel(piece.task, fins)
         except ValueError:
             status[piece.indices] = Status.REFUSED
 
     workers = checks.whole_number("threads", threads or os.cpu_count() or 1, 1)
-    pieces = list(_pieces(task, columns, good))
+    pieces = list(_pieces(task, columns, _steps(task, columns, step), good))
     _run(swim, pieces, workers)
     _run(swim, _unsettled(pieces, status), workers)
     if not task.fish.motor:
@@ -151,8 +174,12 @@ def swim_batch(
 
 def _unsettled(pieces: Sequence[_Piece], status: NDArray[np.int8]) -> list[_Piece]:
     """Return what lanes at their shortest step did not settle, each fin for the general kernel."""
-    lanes = np.concatenate([piece.indices for piece in pieces if piece.parts] or [np.zeros(0, dtype=np.intp)])
-    return [_Piece(lanes[at : at + 1], parts=0) for at in np.flatnonzero(status[lanes] != Status.OK)]
+    return [
+        _Piece(piece.task, piece.indices[at : at + 1], parts=0)
+        for piece in pieces
+        if piece.parts
+        for at in np.flatnonzero(status[piece.indices] != Status.OK)
+    ]
 
 
 def _result(

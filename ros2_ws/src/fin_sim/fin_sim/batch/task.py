@@ -9,11 +9,16 @@ from typing import TYPE_CHECKING, Literal, cast
 import numpy as np
 
 from fin_plant import checks
+from fin_plant.gait import COLUMNS, Gait
+from fin_sim.batch.columns import GAITS
 from fin_sim.batch.step import LANES
 from fin_sim.chain import CLAMPS, Clamp, Reactive, convective_form, refuse_unready
 
 if TYPE_CHECKING:
-    from fin_plant.gait import Gait
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
     from fin_sim.fish import Fish
 
 Precision = Literal["double", "single"]
@@ -30,10 +35,10 @@ LEAST_STEPS = 4
 
 @dataclass(frozen=True)
 class Task:
-    """What all fins of a batch share."""
+    """What all fins of a batch share; the gait is None where each has its own, in a column."""
 
     fish: Fish
-    gait: Gait
+    gait: Gait | None
     duration: float
     steps: int
     settle: float
@@ -53,24 +58,35 @@ class Task:
         """Speed that a held or towed body keeps, m/s."""
         return self.tow_speed if self.clamp == "towed" else 0.0
 
-    @property
-    def fastest(self) -> float:
-        """Highest frequency of any joint that moves, Hz."""
-        return max(joint.frequency for joint in self.gait.joints)
-
-    @property
-    def beat(self) -> float:
-        """Duration of the fastest joint's beat, s; infinite where none beats."""
-        return 1.0 / self.fastest if self.fastest > 0.0 else np.inf
-
-    @property
-    def beating(self) -> float:
-        """Largest product of frequency and amplitude of any joint, rad/s."""
-        return max(joint.frequency * joint.amplitude for joint in self.gait.joints)
+    def gaits(self, fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
+        """Return the fins' gaits as `Gait.rows`, shape (n, joints, 4), or (1, joints, 4) where they share one."""
+        return fins[GAITS].astype(float) if self.gait is None else self.gait.rows()[None]
 
     def refined(self, factor: int) -> Task:
         """Return the same swim at a step shorter by a factor."""
         return replace(self, steps=self.steps * factor)
+
+
+def fastest_joints(gaits: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the highest frequency of any joint of each gait, Hz, shape (n,)."""
+    return np.asarray(gaits[:, :, COLUMNS.index("frequency")].max(axis=1))
+
+
+def beating(gaits: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest product of frequency and amplitude of any joint of each gait, rad/s, shape (n,)."""
+    products = gaits[:, :, COLUMNS.index("frequency")] * gaits[:, :, COLUMNS.index("amplitude")]
+    return np.asarray(products.max(axis=1))
+
+
+def first_steps(gaits: NDArray[np.float64], ramp_time: float) -> NDArray[np.float64]:
+    """Return the default step for each gait, s, shape (n,)."""
+    fastest = fastest_joints(gaits)
+    with np.errstate(divide="ignore"):
+        step = np.minimum(LONGEST_STEP, 1.0 / (STEPS_A_BEAT * fastest))
+        if ramp_time > 0.0:
+            least = np.maximum(ramp_time / RAMP_STEPS, 1.0 / (MOST_STEPS_A_BEAT * fastest))
+            step = np.minimum(step, least)
+    return np.asarray(step)
 
 
 def window_step(duration: float, settle: float) -> float:
@@ -82,7 +98,7 @@ def window_step(duration: float, settle: float) -> float:
 @lru_cache(maxsize=64)
 def checked_task(
     fish: Fish,
-    gait: Gait,
+    gait: Gait | None,
     duration: float,
     reactive: str,
     clamp: str,
@@ -92,21 +108,18 @@ def checked_task(
     step: float | None,
     precision: str,
 ) -> Task:
-    """Return what all fins share; see `swim_batch`.
+    """Return what all fins share; see `swim_batch`. Without a gait the step is the longest, whatever the fins' own.
 
     Raises:
         ValueError: An argument that is refused; the message names it.
     """
     duration = checks.number("duration", duration, 0.0, 1e5, unit="s", exclusive_minimum=True)
     settle = checks.number("settle", settle, 0.0, duration, unit="s")
-    fastest = max(joint.frequency for joint in gait.joints)
     if step is None:
-        step = min(LONGEST_STEP, 1.0 / (STEPS_A_BEAT * fastest) if fastest > 0.0 else LONGEST_STEP)
-        if fastest > 0.0 and ramp_time > 0.0:
-            step = min(step, max(ramp_time / RAMP_STEPS, 1.0 / (MOST_STEPS_A_BEAT * fastest)))
+        step = LONGEST_STEP if gait is None else float(first_steps(gait.rows()[None], ramp_time)[0])
     step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
     step = min(step, window_step(duration, settle))
-    if len(gait.joints) != fish.driven_joints:
+    if gait is not None and len(gait.joints) != fish.driven_joints:
         msg = f"gait has {len(gait.joints)} rows, the tail has {fish.driven_joints} driven joints: give one row a joint"
         raise ValueError(msg)
     refuse_unready(fish.water)

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fin_sim.batch.columns import highest_heights
 from fin_sim.batch.result import FIGURES
+from fin_sim.batch.task import beating
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -32,9 +34,8 @@ def error_floors(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray
     pi/4 rho d^2 U^2, the momentum that the water at the fin's largest height d takes up a second at that speed; of
     power this force times the tip's speed 2 pi U.
     """
-    length, height, tip = (fins[name].astype(float) for name in ("length", "height", "tip_height"))
-    speed = task.beating * length
-    force = _FORCE_FLOOR * 0.25 * np.pi * task.fish.water.density * np.maximum(height, tip) ** 2 * speed**2
+    speed = beating(task.gaits(fins)) * fins["length"].astype(float)
+    force = _FORCE_FLOOR * 0.25 * np.pi * task.fish.water.density * highest_heights(fins) ** 2 * speed**2
     size = {
         "mean_speed": _SPEED_FLOOR * speed,
         "mean_forward_speed": _SPEED_FLOOR * speed,
