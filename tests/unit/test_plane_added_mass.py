@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import math
 from itertools import pairwise
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,16 +12,13 @@ import pytest
 
 from fin_sim.ideal_2d.added_mass import AddedMass, MassError
 from fin_sim.ideal_2d.linkage import Linkage, Member
-from fin_sim.ideal_2d.outline import ellipse, fin, joined_ellipse, outline
+from fin_sim.ideal_2d.outline import ellipse, fin, outline
+from support.plane_linkages import DATA, FIN_LENGTH, FIN_SOLID, A, B, ellipses, fish
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
-
-DATA = Path(__file__).parents[1] / "data" / "potential_flow"
-A, B = 0.07, 0.0225
-FIN_LENGTH, FIN_SOLID = 0.08, 1180.0 * 0.208e-3
 
 
 def reference(case: str, size: int) -> NDArray[np.float64]:
@@ -34,37 +30,6 @@ def reference(case: str, size: int) -> NDArray[np.float64]:
                 matrix[i, j] = matrix[j, i] = float(row["value"])
     assert np.isfinite(matrix).all()
     return matrix
-
-
-def fish(gap: float, nodes: int = 24, body_nodes: int = 160) -> Linkage:
-    """Return the ellipse of 14 x 4.5 cm with its fin of 8 cm in three segments."""
-    body_mass, segment = 1000.0 * math.pi * A * B, FIN_LENGTH / 3.0
-    section = ellipse(A, B, body_nodes) if gap else joined_ellipse(A, B, body_nodes)
-    members = [Member(section, body_mass, body_mass * (A * A + B * B) / 4.0)]
-    for index in range(3):
-        joined = {} if gap else {"front_joined": True, "rear_joined": index < 2}
-        sheet = fin(segment - gap, nodes, **joined)
-        front = 0.5 * gap
-        members.append(
-            Member(
-                sheet,
-                FIN_SOLID * segment,
-                FIN_SOLID * segment**3 / 12.0,
-                complex(-0.5 * segment + front),
-                complex(front),
-                index,
-                complex(-A) if index == 0 else complex(-segment + front),
-                sealed=gap == 0.0,
-            )
-        )
-    return Linkage(members)
-
-
-def three_ellipses() -> Linkage:
-    section, mass = ellipse(1.0, 0.1), math.pi * 0.1
-    inertia = mass * 1.01 / 4.0
-    rear = [Member(section, mass, inertia, 0.0, 1.2, parent, -1.2) for parent in (0, 1)]
-    return Linkage([Member(section, mass, inertia), *rear], 1.0)
 
 
 def largest_difference(matrix: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
@@ -97,7 +62,7 @@ def test_two_circles_move_each_other_as_the_reference_says() -> None:
 
 @pytest.mark.parametrize(("case", "angles"), [("three_ellipses_0_0", (0.0, 0.0)), ("three_ellipses_1_1", (1.0, 1.0))])
 def test_three_ellipses_have_the_matrix_of_the_reference(case: str, angles: tuple[float, float]) -> None:
-    matrix = AddedMass(three_ellipses()).matrix(np.array(angles))
+    matrix = AddedMass(ellipses()).matrix(np.array(angles))
     assert largest_difference(matrix, reference(case, 5)) < 1e-11
 
 
@@ -139,7 +104,7 @@ def test_the_gap_that_closes_leads_to_the_sealed_fin() -> None:
     assert sealed / open_ones[0] == pytest.approx(2.378, abs=1e-3)
 
 
-@pytest.mark.parametrize("build", [three_ellipses, lambda: fish(0.0, 12, 96), lambda: fish(1e-3, 16, 128)])
+@pytest.mark.parametrize("build", [ellipses, lambda: fish(0.0, 12, 96), lambda: fish(1e-3, 16, 128)])
 def test_the_derivatives_are_those_of_the_matrix(build: Callable[[], Linkage]) -> None:
     linkage = build()
     water, angles, reach = AddedMass(linkage), np.linspace(0.3, -0.4, linkage.joints), 1e-3
@@ -171,10 +136,10 @@ def test_the_sealed_fish_converges_in_its_nodes() -> None:
 
 def test_the_frame_of_the_first_member_makes_no_difference_to_the_energy() -> None:
     """The same motion told from the other end has the same energy, and the mirrored pose the mirrored matrix."""
-    water, angles = AddedMass(three_ellipses()), np.array([0.7, -0.4])
+    water, angles = AddedMass(ellipses()), np.array([0.7, -0.4])
     mirror = np.diag([1.0, -1.0, -1.0, -1.0, -1.0])
     assert water.matrix(-angles) == pytest.approx(mirror @ water.matrix(angles) @ mirror, abs=1e-10)
-    pose = three_ellipses()
+    pose = ellipses()
     generalised = np.array([0.3, -0.2, 0.5, 0.4, 0.7])
     last = pose.velocity_of(2, angles) @ generalised
     backwards = np.concatenate([last, -generalised[:2:-1]])
@@ -185,7 +150,7 @@ def test_the_frame_of_the_first_member_makes_no_difference_to_the_energy() -> No
 
 def test_members_that_overlap_are_refused() -> None:
     with pytest.raises(MassError, match=r"joint angles \(3, 0\) rad is not positive: members overlap"):
-        AddedMass(three_ellipses()).matrix(np.array([3.0, 0.0]))
+        AddedMass(ellipses()).matrix(np.array([3.0, 0.0]))
 
 
 def circle(count: int, turn: float = 2.0 * math.pi) -> list[tuple[float, float]]:

@@ -20,14 +20,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from functools import cache
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 import scipy.linalg
+from threadpoolctl import ThreadpoolController
 
 from fin_sim.compiled import kernel
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     from numpy.typing import NDArray
 
     from fin_sim.ideal_2d.linkage import Linkage
@@ -43,6 +47,16 @@ class MassError(ArithmeticError):
 
 _SCALE = 4.0
 _ROUNDING = -1e-10
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    return ThreadpoolController()
+
+
+def _one_thread() -> AbstractContextManager[object]:
+    """Return a block in which BLAS keeps to one thread: on matrices this small the others cost more than they do."""
+    return cast("AbstractContextManager[object]", _blas().limit(limits=1, user_api="blas"))
 
 
 @dataclass(frozen=True)
@@ -177,7 +191,8 @@ class AddedMass:
         Raises:
             MassError: It is not positive: sections overlap, or their nodes are too few.
         """
-        return self._matrix(self._pose(angles))[0]
+        with _one_thread():
+            return self._matrix(self._pose(angles))[0]
 
     def _matrix(self, pose: _Pose) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the mass matrix, the sheet g and the stream function."""
@@ -205,8 +220,9 @@ class AddedMass:
             msg = "circulation = 'free' has no exact derivatives: tabulate the matrix, or take 'none'"
             raise ValueError(msg)
         pose = self._pose(angles)
-        matrix, sheet, _ = self._matrix(pose)
-        slopes = np.array([self._slope(joint, pose, sheet) for joint in range(self.linkage.joints)])
+        with _one_thread():
+            matrix, sheet, _ = self._matrix(pose)
+            slopes = np.array([self._slope(joint, pose, sheet) for joint in range(self.linkage.joints)])
         return matrix, slopes.reshape(-1, *matrix.shape)
 
     def _slope(self, joint: int, pose: _Pose, sheet: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from fin_sim.ideal_2d.outline import crossing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,3 +116,27 @@ class Linkage:
         matrix[:, 1] = -forward.imag, forward.real, 0.0
         matrix[:, 2:] = rates.real, rates.imag, turned
         return matrix
+
+    def outlines(self, angles: NDArray[np.float64]) -> list[NDArray[np.complex128]]:
+        """Return every member's outline as a line of points, closed ones closed, in the first member's axes."""
+        lines = []
+        for origin, heading, member in zip(*self.places(angles), self.members, strict=True):
+            section = member.section
+            own = np.array(section.ends) if section.is_fin else np.append(section.nodes, section.nodes[0])
+            lines.append(np.asarray(origin + np.exp(1j * heading) * own))
+        return lines
+
+    def overlap(self, angles: NDArray[np.float64]) -> tuple[int, int] | None:
+        """Return two members that overlap in this pose; None where none do."""
+        lines = self.outlines(angles)
+        for (first, line), (second, other) in combinations(enumerate(lines), 2):
+            if crossing(line, other) or _inside(line, other[0]) or _inside(other, line[0]):
+                return first, second
+        return None
+
+
+def _inside(line: NDArray[np.complex128], point: complex) -> bool:
+    """Return whether a closed line goes around a point."""
+    if line[0] != line[-1] or np.min(np.abs(line - point)) == 0.0:
+        return False
+    return bool(abs(np.sum(np.angle((line[1:] - point) / (line[:-1] - point)))) > np.pi)
