@@ -433,7 +433,7 @@ def test_the_trial_under_way_and_the_last_one_are_swum_again_when_somebody_asks(
     trials = read_trials(folder)
     again_and_again = [(0, Outcome.INTERRUPTED), (0, Outcome.INTERRUPTED), (0, Outcome.OK), (1, Outcome.OK)]
     assert [(trial.candidate, trial.outcome) for trial in trials] == again_and_again
-    assert [trial.reason for trial in trials[:2]] == [ASKED_FOR_AGAIN, ASKED_FOR_AGAIN]
+    assert all(trial.reason.endswith(ASKED_FOR_AGAIN) for trial in trials[:2])
     assert [(folder / trial.bag / REPEATED_MARK).is_file() for trial in trials] == [True, True, False, False]
 
 
