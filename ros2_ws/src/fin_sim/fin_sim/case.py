@@ -33,7 +33,7 @@ _REQUIRED = {"rho", "normal_drag", "body", "links", "joints", "ramp", "duration"
 _WATER_KEYS = {"density": "rho", "model": "water"}
 _WATER = {_WATER_KEYS.get(item.name, item.name): item.name for item in fields(Water)}
 """The water's attributes by the keys of a case."""
-_WORDS = {"model", "wake", "drag", "tip_term"}
+_WORDS = {"model", "wake", "drag", "tip_term", "added_mass"}
 _KEYS = {*_REQUIRED, *_WATER, "servo"}
 _MEANS_OVER = 2
 # Intervals of a trajectory file; a held fish is sampled finer, since its forces are what is asked of it.

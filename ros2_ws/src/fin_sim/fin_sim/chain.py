@@ -100,10 +100,10 @@ def refuse_unready(water: Water) -> None:
     """Refuse a water that swims do not have yet.
 
     Raises:
-        ValueError: Its model is not that of the strip.
+        ValueError: Its model is that of the plane.
     """
-    if water.model != "strip":
-        msg = f"water.model = {water.model}: not yet for swims of a fish; take strip"
+    if water.model == "ideal_2d":
+        msg = f"water.model = {water.model}: not yet for swims of a fish; take strip or surface_3d"
         raise ValueError(msg)
 
 
@@ -121,6 +121,7 @@ class Chain:
         clamp: ``free`` body, ``fixed`` body, or ``towed`` forward at ``tow_speed``.
         tow_speed: m/s, for ``towed``.
         motor: What drives each driven joint; where there is none its angle is prescribed.
+        axes: Full axes of the body's ellipsoid, m, where the water's matrix of added mass needs them.
         normal_drags: C_N of each link, where a gait has decided it (`for_gait`); else the water's, of every link.
 
     Raises:
@@ -136,11 +137,15 @@ class Chain:
     tow_speed: float = 0.0
     motor: Motor | None = None
     normal_drags: tuple[float, ...] = ()
+    axes: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         checks.whole_number("number of links", len(self.links), 1, MAXIMUM_LINKS)
         object.__setattr__(self, "reactive", convective_form(self.reactive, self.water))
         refuse_unready(self.water)
+        if self.water.has_matrix and self.axes is None:
+            msg = "water.added_mass = matrix needs the body's length, width and height: give axes, or take links"
+            raise ValueError(msg)
         checks.choice("clamp", self.clamp, CLAMPS)
         checks.number("tow_speed", self.tow_speed, unit="m/s")
         if len(self.driven) != len(self.links):
@@ -163,6 +168,12 @@ class Chain:
         table = np.zeros((len(rows), max(map(len, rows))))
         for row, values in zip(table, rows, strict=True):
             row[: len(values)] = values
+        if self.water.model == "surface_3d":
+            from fin_sim.surface_3d.factors import factors  # noqa: PLC0415  (strips need no table)
+
+            kept = factors(self.links)
+            table[:, VIRTUAL_0 : VIRTUAL_2 + 1] *= 0.0 if self.water.has_matrix else kept
+            table[-1, TIP_VIRTUAL] *= kept[-1, 0] if self.water.tip_term == "scaled" else 1.0
         return table
 
     def _link_row(self, link: Link, is_driven: bool, normal_drag: float) -> list[float]:
@@ -179,6 +190,24 @@ class Chain:
             *(self.motor.constants if is_driven and self.motor else _NO_MOTOR),
             *_pieces(link),
         ]
+
+    def added_mass(self) -> NDArray[np.float64]:
+        """Return the matrix of added mass that takes the place of the links' virtual moments.
+
+        The body's own added mass is left out: it stands in `body_vector`.
+
+        Returns:
+            Shape (3 + 2 N, 3 + 2 N), see `surface_3d.added_mass.link_matrix`; (0, 0) where the moments count.
+
+        Raises:
+            ValueError: The tail begins inside of the body, or the matrix is not positive.
+        """
+        if not self.water.has_matrix or self.axes is None:
+            return np.zeros((0, 0))
+        from fin_sim.surface_3d.factors import matrix  # noqa: PLC0415  (strips need none)
+
+        outline = tuple(replace(link, mass_per_area=0.0, stiffness=0.0, damping=0.0) for link in self.links)
+        return matrix(outline, self.axes, self.body.tail_offset) * self.water.density
 
     def warnings(self) -> list[str]:
         """Return what is doubtful about the fin's proportions; the fin begins at the last driven joint."""
@@ -241,6 +270,12 @@ class Chain:
             mass += first * np.outer(sideways, sideways) + third * np.outer(turning, turning)
             mass -= second * (np.outer(sideways, turning) + np.outer(turning, sideways))
             sideways = sideways - row[LENGTH] * turning
+        added = self.added_mass()
+        if len(added):
+            from fin_sim.surface_3d.added_mass import straight_kinematics  # noqa: PLC0415
+
+            moves = straight_kinematics([link.length for link in self.links], self.body.tail_offset)[:, 1:]
+            mass += moves.T @ added @ moves
         return mass
 
     def _joints(self, *, driven: bool) -> list[int]:
@@ -338,4 +373,5 @@ def build_chain(
         clamp=clamp,
         tow_speed=tow_speed,
         motor=fish.motor,
+        axes=fish.axes,
     )

@@ -49,6 +49,7 @@ from fin_sim.chain import (
     Chain,
 )
 from fin_sim.compiled import kernel
+from fin_sim.dense_dynamics import dense_kinematics, evaluate_dense
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -301,6 +302,40 @@ def evaluate(
     record[SERVO_POWER], record[ELECTRICAL_POWER] = power, electrical_power
 
 
+@kernel
+def _evaluate_with(
+    state: Array,
+    drive: Array,
+    links: Array,
+    body: Array,
+    added: Array,
+    free: bool,
+    distributed: bool,
+    derivative: Array,
+    record: Array,
+    scratch: Array,
+) -> None:
+    """Do as `evaluate`, with a matrix of added mass in the place of the links' virtual moments if there is one.
+
+    ``added`` has the shape (0, 0), or (3 + 2 N, 3 + 2 N); see `Chain.added_mass`.
+    """
+    if added.shape[0] == 0:
+        evaluate(state, drive, links, body, free, distributed, derivative, record, scratch)
+        return
+    count = links.shape[0]
+    forces, torques = np.zeros((count, 2)), np.zeros(count)
+    for k in range(count):
+        if links[k, PRESCRIBED] > 0.0:
+            state[BODY_STATES + k] = drive[k, 0]
+            state[BODY_STATES + count + k] = drive[k, 1]
+        torques[k] = _joint_torque(state[BODY_STATES + k], state[BODY_STATES + count + k], drive[k], links[k])
+    kinematics = dense_kinematics(state, links, body[7])
+    for k in range(count):
+        resist, resist_moment = _resistive_wrench(kinematics[0][4 + 3 * k], kinematics[0][5 + 3 * k], links[k])
+        forces[k, 0], forces[k, 1] = links[k, RESISTIVE] * resist, -links[k, RESISTIVE] * resist_moment
+    evaluate_dense(kinematics, state, drive, links, body, added, free, distributed, forces, torques, derivative, record)
+
+
 def propagator(chain: Chain, step: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return which states the hinges' springs and dampers move, and how over one step.
 
@@ -373,6 +408,7 @@ def integrate(
     motion: Array,
     links: Array,
     body: Array,
+    added: Array,
     free: bool,
     distributed: bool,
     step: float,
@@ -389,6 +425,7 @@ def integrate(
         motion: Shape (2 steps + 1, N, 3): the driven joints' angle, rate and acceleration at every half step.
         links: As for `evaluate`.
         body: As for `evaluate`.
+        added: `Chain.added_mass`.
         free: As for `evaluate`.
         distributed: As for `evaluate`.
         step: Time step in s.
@@ -412,7 +449,7 @@ def integrate(
     weight_half, weight_first, weight_middle, weight_last = matrices[3], matrices[4], matrices[5], matrices[6]
     for index in range(steps + 1):
         at = 2 * index
-        evaluate(state, motion[at], links, body, free, distributed, slope[0], record, scratch)
+        _evaluate_with(state, motion[at], links, body, added, free, distributed, slope[0], record, scratch)
         if index % every == 0:
             row = index // every
             samples[row] = state
@@ -429,7 +466,7 @@ def integrate(
         for number in range(4):
             if number > 0:
                 drive = motion[at + (number + 1) // 2]
-                evaluate(stage, drive, links, body, free, distributed, slope[number], record, scratch)
+                _evaluate_with(stage, drive, links, body, added, free, distributed, slope[number], record, scratch)
             for i in range(stiff_count):
                 part[i] = state[stiff[i]] if number == 0 else stage[stiff[i]]
                 rest[number, i] = 0.0
@@ -501,7 +538,7 @@ class Stepper:
         self.chain = chain
         self.step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
         self.every = checks.whole_number("steps a sample", every, 1)
-        self._links, self._body = chain.link_table(), chain.body_vector()
+        self._links, self._body, self._added = chain.link_table(), chain.body_vector(), chain.added_mass()
         self._free, self._distributed = chain.clamp == "free", chain.reactive == "distributed"
         self._stiff, self._matrices = propagator(chain, step)
 
@@ -554,6 +591,7 @@ class Stepper:
             drive,
             self._links,
             self._body,
+            self._added,
             self._free,
             self._distributed,
             self.step,

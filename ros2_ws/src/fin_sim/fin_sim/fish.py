@@ -12,7 +12,19 @@ from scipy.special import elliprd
 
 from fin_plant import checks
 from fin_sim.motor import Motor
-from fin_sim.water_settings import DRAGS, MODELS, TIP_TERMS, WAKES, Drag, Model, TipTerm, Wake, settings
+from fin_sim.water_settings import (
+    ADDED_MASSES,
+    DRAGS,
+    MODELS,
+    TIP_TERMS,
+    WAKES,
+    AddedMass,
+    Drag,
+    Model,
+    TipTerm,
+    Wake,
+    settings,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -188,6 +200,7 @@ class Water:
         drag: Whether the water resists: without, every coefficient of drag, lift and damping counts as 0.
         tip_term: In three dimensions, virtual mass per length that sheds the wake: the strip's at the trailing edge,
             or scaled by what is left of the last link's.
+        added_mass: In three dimensions, of each link by itself, or a matrix of the body and all links.
 
     Raises:
         ValueError: A value that is not finite or out of range, or an unknown name.
@@ -202,15 +215,22 @@ class Water:
     wake: Wake = "lighthill"
     drag: Drag = "on"
     tip_term: TipTerm = "strip"
+    added_mass: AddedMass = "links"
 
     def __post_init__(self) -> None:
-        for name, names in (("model", MODELS), ("wake", WAKES), ("drag", DRAGS), ("tip_term", TIP_TERMS)):
+        words = {"model": MODELS, "wake": WAKES, "drag": DRAGS, "tip_term": TIP_TERMS, "added_mass": ADDED_MASSES}
+        for name, names in words.items():
             checks.choice(f"water.{name}", getattr(self, name), names)
         checks.number("water.density", self.density, 0.0, unit="kg/m^3", exclusive_minimum=True)
         checks.number("water.normal_drag", self.normal_drag, 0.0)
         checks.number("water.oscillating_drag", self.oscillating_drag, 0.0)
         for name in ("current_x", "current_y"):
             checks.number(f"water.{name}", getattr(self, name), unit="m/s")
+
+    @property
+    def has_matrix(self) -> bool:
+        """Whether the water that one link moves moves the others."""
+        return self.model == "surface_3d" and self.added_mass == "matrix"
 
     @property
     def resists(self) -> bool:
@@ -244,12 +264,15 @@ class Fish:
         water: What it swims in.
         peduncle: Driven links between the body and the fin; empty for a fin that sits on the servo's joint.
         motor: What drives each servo; without one its angle is prescribed, whatever torque that takes.
+        axes: Full length, width and height of the ellipsoid that stands for the body, m, where the flow around it
+            counts (`Water.has_matrix`); else none.
     """
 
     body: Body
     water: Water = field(default_factory=Water)
     peduncle: tuple[Link, ...] = ()
     motor: Motor | None = None
+    axes: tuple[float, float, float] | None = None
 
     @property
     def driven_joints(self) -> int:
@@ -276,7 +299,14 @@ class Fish:
         given = {item.name: own.get(f"body.{item.name}") for item in fields(Body) if item.name not in coefficients}
         chosen = {name: float(value) for name, value in given.items() if value is not None and float(value) >= 0.0}  # type: ignore[arg-type]
         body = Body(**{**{item.name: getattr(body, item.name) for item in fields(Body)}, **chosen})
-        return cls(body, _water(values), _peduncle(values), Motor.from_parameters(values))
+        water = _water(values)
+        return cls(
+            body,
+            water,
+            _peduncle(values),
+            Motor.from_parameters(values),
+            (axes[0], axes[1], axes[2]) if water.has_matrix else None,
+        )
 
 
 def _water(values: Mapping[str, object]) -> Water:

@@ -19,6 +19,8 @@ MODELS: tuple[Model, ...] = ("strip", "ideal_2d", "surface_3d")
 WAKES: tuple[Wake, ...] = ("lighthill", "none")
 DRAGS: tuple[Drag, ...] = ("on", "off")
 TIP_TERMS: tuple[TipTerm, ...] = ("strip", "scaled")
+AddedMass = Literal["links", "matrix"]
+ADDED_MASSES: tuple[AddedMass, ...] = ("links", "matrix")
 AS_PRESET = "as_preset"
 """A setting's value that leaves it to the preset."""
 

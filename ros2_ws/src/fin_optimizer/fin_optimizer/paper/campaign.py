@@ -75,7 +75,8 @@ def _leave_out_water(settings: dict[str, Any]) -> None:
     """Take out what the settings did not hold when there was one kind of water: such a folder can be resumed."""
     del settings["water"]
     for given in settings["fish"].values():
-        for name in ("model", "wake", "drag", "tip_term"):
+        del given["fish"]["axes"]
+        for name in ("model", "wake", "drag", "tip_term", "added_mass"):
             del given["fish"]["water"][name]
 
 

@@ -206,6 +206,13 @@ def lane_constants(
                 "taper_moment": resistive * change * own**2 / 30.0,
             }
         )
+    tip_virtual = virtual * tip**2 * (water.wake == "lighthill")
+    if water.model == "surface_3d":
+        from fin_sim.surface_3d.factors import columns_factors  # noqa: PLC0415  (strips need no table)
+
+        kept = columns_factors(links)
+        virtual_moments = [moment * kept[:, :, power] for power, moment in enumerate(virtual_moments)]
+        tip_virtual = tip_virtual * (kept[:, -1:, 0] if water.tip_term == "scaled" else 1.0)
     normal = [v + s for v, s in zip(virtual_moments, solid_moments, strict=True)]
     constants = {
         "length": length,
@@ -215,7 +222,7 @@ def lane_constants(
         "normal_second": normal[2],
         "virtual_mass": virtual_moments[0],
         "virtual_first": virtual_moments[1],
-        "tip_virtual": virtual * tip**2 * (water.wake == "lighthill"),
+        "tip_virtual": tip_virtual,
     }
     if len(pieces) == 1:
         return constants | resistances[0]

@@ -88,8 +88,9 @@ def _pieces(
     passive = segments - between
     parts = np.select([longest >= task.duration / steps / each for each in _STEP_PARTS], _STEP_PARTS)
     parts = np.where(passive > 0, parts, 1)
-    # The motor's equations are the general kernel's alone; no chain can have more links.
-    parts[(passive + task.fish.driven_joints > MAXIMUM_LINKS) | (task.fish.motor is not None)] = 0
+    # The motor's equations and a matrix of added mass are the general kernel's alone; no chain can have more links.
+    general = task.fish.motor is not None or task.fish.water.has_matrix
+    parts[(passive + task.fish.driven_joints > MAXIMUM_LINKS) | general] = 0
     straight = columns["height"] == columns["tip_height"]
     key = np.column_stack(
         (steps, between, segments, parts, proven_fins(task, columns), straight, piece_counts(columns))
