@@ -39,6 +39,7 @@ ARGUMENTS = {
     "play_bag": ("bag",),
     "recover_study": ("study",),
     "repair_bags": ("bags",),
+    "report": ("study",),
     "score_bag": ("bags",),
     "show_study": ("study",),
     "swim": LONG_VARIATION,
@@ -54,6 +55,7 @@ ENDED_BEFORE = {
     "play_bag": 2,
     "recover_study": 2,
     "repair_bags": 2,
+    "report": 2,
     "score_bag": 2,
     "show_study": 2,
 }

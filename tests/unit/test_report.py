@@ -16,7 +16,6 @@ from fin_optimizer.study import drawing, report
 from fin_optimizer.study.candidate import Candidate, TrialRecord, candidates
 from fin_optimizer.study.file_names import FIGURE_FILE
 from fin_optimizer.study.settings import Settings
-from fin_optimizer.study.simulated_curve import speed_over_range
 from fin_optimizer.trial.result import Outcome
 from fin_plant.fin import Fin
 
@@ -86,15 +85,9 @@ def test_a_table_is_replaced_as_a_whole(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_the_sweep_spans_the_whole_range() -> None:
-    values, speeds = speed_over_range(RANGE, lambda modulus: modulus / 1e11, points=5)
-    assert (values[0], values[-1], len(values)) == (RANGE.minimum, RANGE.maximum, 5)
-    assert speeds == [value / 1e11 for value in values]
-
-
 @pytest.mark.parametrize("with_curve", [True, False])
 def test_the_figure_is_drawn_with_and_without_a_curve(tmp_path: Path, with_curve: bool) -> None:
-    curve = speed_over_range(RANGE, lambda modulus: 0.02 + modulus / 1e12, points=5) if with_curve else None
+    curve = ([RANGE.minimum, RANGE.maximum], [0.02, 0.03]) if with_curve else None
     path = tmp_path / FIGURE_FILE
     drawing.draw_speed(path, TRIALS, best(), RANGE, simulated=curve, title="a fin")
     assert path.read_bytes().startswith(b"\x89PNG")

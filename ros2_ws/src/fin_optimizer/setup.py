@@ -10,7 +10,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["*.yaml", "py.typed"]},
+    package_data={NAME: ["*.yaml", "py.typed", "report/*.jinja", "report/*.css", "report/*.js"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -36,6 +36,7 @@ setup(
             "play_bag = fin_optimizer.commands.play_bag:main",
             "recover_study = fin_optimizer.commands.recover_study:main",
             "repair_bags = fin_optimizer.commands.repair_bags:main",
+            "report = fin_optimizer.commands.report:main",
             "score_bag = fin_optimizer.commands.score_bag:main",
             "show_study = fin_optimizer.commands.show_study:main",
             "campaign = fin_optimizer.paper.campaign:main",

@@ -14,7 +14,7 @@ from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE, IMPORTANCE_F
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.report import varied
 from fin_optimizer.study.settings import Objective
-from fin_optimizer.study.simulated_curve import SimulatedFish, speed_over_range, values_along
+from fin_optimizer.study.simulated_curve import SimulatedFish, values_along
 from fin_optimizer.words import CM
 from fin_plant.figures import try_to_draw
 from fin_plant.fin import AREA, Fin
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 _FREQUENCY, _AMPLITUDE = "gait.frequency", "gait.amplitude"
 _DURATION = "measurement.duration"
-_POINTS = 25
-"""Of a slice; each is a swim."""
+_POINTS, _POINTS_ALONE = 25, 71
+"""Of a slice, and of the curve over the only parameter; each is a swim."""
 
 
 def draw_study(
@@ -83,7 +83,7 @@ def _of_several(
     def draw_slices() -> None:
         curves = None
         if best is not None and simulated is not None:
-            curves = slices_through(settings.space, best.values, simulated.speed)
+            curves = slices_through(settings.space, best.values, simulated.speeds)
         space_drawing.draw_slices(slices, arrays, simulated=curves, title=heading)
 
     wanted: dict[Path, Callable[[], None]] = {
@@ -108,21 +108,24 @@ def as_arrays(settings: Settings, tried: Sequence[Candidate]) -> space_drawing.T
 
 
 def slices_through(
-    space: Space, best: Mapping[str, Any], speed: Callable[[Mapping[str, Any]], float], points: int = _POINTS
+    space: Space,
+    best: Mapping[str, Any],
+    speeds: Callable[[Sequence[Mapping[str, Any]]], Sequence[float]],
+    points: int = _POINTS,
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Return of each parameter its values in SI, and the speed in cm/s with all others as a candidate has them.
 
     Args:
         space: What was searched.
         best: The candidate.
-        speed: Of a candidate in m/s, NaN where it cannot be.
+        speeds: Of candidates in m/s, NaN where one cannot be.
         points: Of a range; a choice has all of its values.
     """
     curves = {}
     for dimension in space.dimensions:
         values = values_along(dimension, points)
-        speeds = np.array([speed({**best, dimension.name: value}) for value in values]) / CM
-        curves[dimension.name] = (np.array([dimension.number(value) for value in values]), speeds)
+        swum = np.array(speeds([{**best, dimension.name: value} for value in values])) / CM
+        curves[dimension.name] = (np.array([dimension.number(value) for value in values]), swum)
     return curves
 
 
@@ -145,7 +148,8 @@ def _simulated(settings: Settings, fish: Mapping[str, object]) -> SpeedCurve | N
     computed = SimulatedFish.of(settings, fish)
     if computed is None:
         return None
-    return speed_over_range(dimension, lambda value: computed.speed({dimension.name: value}))
+    values = np.linspace(dimension.minimum, dimension.maximum, _POINTS_ALONE).tolist()
+    return values, computed.speeds([{dimension.name: value} for value in values])
 
 
 def title(settings: Settings, tried: Sequence[Candidate]) -> str:

@@ -106,7 +106,7 @@ class Settings:
 
     def left_out(self, other: Settings) -> list[str]:
         """Return the details of ``other`` that this older version does not tell and that could have been any."""
-        return [name for name in other.details if name not in self.details and name not in _earlier()]
+        return [name for name in other.details if name not in self.details and name not in earlier()]
 
     def sent(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return what a plant is sent for a candidate, its fin and, of a space from a file, its gait."""
@@ -201,7 +201,7 @@ def _tables() -> dict[str, Parameter]:
 
 
 @cache
-def _earlier() -> dict[str, Value]:
+def earlier() -> dict[str, Value]:
     """Return what fins, fish and gaits had for parameters that came later or have another default since."""
     table = _tables()
     return {name: entry.earlier for name, entry in table.items() if entry.earlier is not None}
@@ -210,7 +210,7 @@ def _earlier() -> dict[str, Value]:
 def begun_by_default(there: Mapping[str, object]) -> dict[str, Value]:
     """Return what a study has, by its settings or its fish, that was the default when it was begun and is not now."""
     table = _tables()
-    return {n: value for n, value in _earlier().items() if there.get(n) == value != table[n].default}
+    return {n: value for n, value in earlier().items() if there.get(n) == value != table[n].default}
 
 
 def differing(there: Mapping[str, object], here: Mapping[str, object]) -> list[str]:
@@ -218,7 +218,7 @@ def differing(there: Mapping[str, object], here: Mapping[str, object]) -> list[s
 
     A parameter that the study's version did not have yet is there what it was for all fish then.
     """
-    there = {**{name: value for name, value in _earlier().items() if name in here}, **there}
+    there = {**{name: value for name, value in earlier().items() if name in here}, **there}
     return [
         f"{name} is {there.get(name, 'not set')!s} there and {here.get(name, 'not set')!s} here"
         for name in {**there, **here}

@@ -10,13 +10,13 @@ import numpy as np
 
 from fin_optimizer.search.rules import gait_of
 from fin_optimizer.search.space import Choice
-from fin_optimizer.study.settings import sent_parameters
+from fin_optimizer.study.settings import earlier, sent_parameters
 from fin_plant.fin import Fin
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
-    from fin_optimizer.search.space import AnyDimension, Dimension, Scalar
+    from fin_optimizer.search.space import AnyDimension, Scalar
     from fin_optimizer.study.settings import Settings
     from fin_plant.gait import Gait
     from fin_plant.parameters import Value
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     SpeedCurve = tuple[Sequence[float], Sequence[float]]
     """Values of the parameter in SI units, and the speed in m/s at each."""
 
-_POINTS = 71
 _OF_A_COMPUTED_FISH = {"body.length", "water.density", "sample_rate"}
 _GAIT = {"gait.frequency", "gait.amplitude"}
 SETTLE, DURATION = "measurement.settle", "measurement.duration"
@@ -59,12 +58,13 @@ class SimulatedFish:
         told = settings.details.keys() | set(settings.space.names)  # a gait that is searched is no setting
         if not can_be_computed(fish) or not told >= {*_GAIT, SETTLE, DURATION}:
             return None
-        parameters = cast("Mapping[str, Value]", {name: value for name, value in fish.items() if name != "plant"})
+        known = {name: value for name, value in fish.items() if name != "plant"}
+        parameters = cast("Mapping[str, Value]", {**earlier(), **known})
         from fin_sim.fish import Fish  # noqa: PLC0415  (Numba takes a second to load)
 
         try:
             Fish.from_parameters(parameters)
-        except (LookupError, ValueError):  # an older version's simulator, which had other parameters
+        except (LookupError, ValueError):  # a simulator of long ago, which had other parameters
             return None
         return cls(settings, parameters)
 
@@ -123,11 +123,37 @@ class SimulatedFish:
         counted = swum.time >= self.settle
         return float(np.trapezoid(swum.surge[counted], swum.time[counted]) / self.duration)
 
+    def speeds(self, some: Sequence[Mapping[str, Any]]) -> list[float]:
+        """Return the speeds of many candidates as `speed`, to 1e-3 the same and many times as fast.
 
-def speed_over_range(dimension: Dimension, speed: Callable[[float], float], points: int = _POINTS) -> SpeedCurve:
-    """Return the curve of ``speed`` (SI to m/s) over the whole range of a parameter."""
-    values = np.linspace(dimension.minimum, dimension.maximum, points)
-    return [float(value) for value in values], [speed(float(value)) for value in values]
+        Raises:
+            ValueError: The fish has another number of driven joints than the gaits.
+        """
+        from fin_sim.batch import swim_batch  # noqa: PLC0415  (as above)
+        from fin_sim.fish import Fish  # noqa: PLC0415
+
+        number = cast("Mapping[str, float]", self.parameters)
+        able: list[tuple[int, Fin, Gait]] = []
+        for index, values in enumerate(some):
+            try:
+                fin, gait = self.fin_and_gait(values)
+            except (ArithmeticError, ValueError):
+                continue
+            able.append((index, fin, gait.limited(number["limits.sweep"], number["limits.frequency"])))
+        speeds = [math.nan] * len(some)
+        if able:
+            swum = swim_batch(
+                [fin for _, fin, _ in able],
+                Fish.from_parameters(self.parameters),
+                np.array([gait.rows() for _, _, gait in able]),
+                self.settle + self.duration,
+                reactive=self.parameters["reactive"],  # type: ignore[arg-type]
+                ramp_time=number["drive.ramp_time"],
+                settle=self.settle,
+            )
+            for (index, _, _), speed in zip(able, swum.mean_forward_speed.tolist(), strict=True):
+                speeds[index] = speed
+        return speeds
 
 
 def values_along(dimension: AnyDimension, points: int) -> list[Scalar]:

@@ -1,0 +1,152 @@
+"""Command ``report``: a study, a campaign or several studies side by side as one HTML file to read and to print."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fin_optimizer.study.folder import bags_in, read_settings
+from fin_optimizer.study.journal import StudyError
+from fin_optimizer.study.provenance import provenance
+from fin_optimizer.study.records import read_ledger
+from fin_plant.output import end_when_output_closes
+from fin_plant.paths import given_path
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from fin_optimizer.report.parts import Page
+    from fin_optimizer.report.study_facts import StudyFacts
+    from fin_optimizer.study.candidate import TrialRecord
+
+REPORT_FILE, COMPARISON_FILE = "report.html", "comparison.html"
+
+
+def study_facts(folder: Path, *, beside: Path, simulated: bool = True) -> StudyFacts:
+    """Return what a study's folder tells; nothing of the study is changed, the simulator's speeds are kept in it.
+
+    Args:
+        folder: Of the study; an optimiser may be working on it.
+        beside: Folder of the page, from which its links lead.
+        simulated: Whether the simulator swims too.
+
+    Raises:
+        StudyError: There is no study, or this version cannot read it.
+    """
+    # A second, which only who wants a report spends.
+    from fin_optimizer.report.simulated import CACHE_FILE  # noqa: PLC0415
+    from fin_optimizer.report.study_facts import StudyFacts, simulate  # noqa: PLC0415
+
+    notes: list[str] = []
+    settings, (trials, fish) = read_settings(folder), read_ledger(folder, notes.append)
+    there = {f"bags/{name}" for _, name in bags_in(folder)}
+    versions, whose = _versions(folder, trials, there)
+    said = simulate(settings, trials, fish, folder / CACHE_FILE, provenance()) if simulated else None
+    away = os.path.relpath(folder, beside)
+    linked = [replace(trial, bag=str(Path(away) / trial.bag)) for trial in trials]
+    bags = frozenset(str(Path(away) / bag) for bag in there)
+    return StudyFacts(folder.resolve().name, settings, linked, fish, versions, whose, bags, said, notes)
+
+
+def _versions(folder: Path, trials: Sequence[TrialRecord], there: set[str]) -> tuple[Mapping[str, str], str]:
+    """Return the versions that a study's first readable bag tells, or this program's own, and whose they are."""
+    from fin_optimizer.bags.messages import BagError  # noqa: PLC0415  (bags need rosbags, a third of a second)
+    from fin_optimizer.bags.reader import bag_metadata  # noqa: PLC0415
+
+    for trial in trials[:5]:
+        if trial.bag not in there:
+            continue
+        try:
+            metadata = bag_metadata(folder / trial.bag)
+        except (BagError, OSError):
+            continue
+        found = {name: value for name, value in metadata.items() if name.startswith(("version.", "git."))}
+        if found:
+            return found, f"those that swam trial {trial.number:04d}, as its bag has them"
+    return provenance(), "those of the program that wrote this page: no bag tells others"
+
+
+def _page(folders: Sequence[Path], target: Path) -> Page:
+    """Return the page of what was given.
+
+    Raises:
+        StudyError: There is no study, or this version cannot read it.
+        ValueError: A campaign that cannot be read.
+    """
+    from fin_optimizer.report.study_page import study_page  # noqa: PLC0415
+
+    (folder,) = folders
+    return study_page(study_facts(folder, beside=target.parent))
+
+
+def write_report(folders: Sequence[Path], output: Path | None = None) -> Path:
+    """Write a report; return where. An older one is replaced as a whole or not at all.
+
+    Args:
+        folders: Of one study or campaign, or of several studies to be compared.
+        output: The file, or a folder for it; the study's folder if left out, for several the current one.
+
+    Raises:
+        StudyError: There is no study, or this version cannot read it.
+        ValueError: A campaign that cannot be read.
+        OSError: The page cannot be written.
+    """
+    from fin_optimizer.report.page import html_of  # noqa: PLC0415
+
+    name = REPORT_FILE if len(folders) == 1 else COMPARISON_FILE
+    target = output or (folders[0] if len(folders) == 1 else Path())
+    target = target / name if target.is_dir() else target
+    page = _page(folders, target)
+    foot = f"Written {datetime.now().astimezone():%Y-%m-%d %H:%M %Z} by `report` of fin_optimizer."
+    text = html_of(replace(page, foot=foot))
+    partial = target.with_name(target.name + ".partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+    return target
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write a report; return 0, or 2 if it cannot be."""
+    if arguments is None:
+        end_when_output_closes()
+    parser = argparse.ArgumentParser(
+        prog="report",
+        description=f"Write a study as {REPORT_FILE}: one file for any browser, with all that it needs inside.",
+    )
+    parser.add_argument(
+        "study",
+        type=given_path,
+        nargs="+",
+        metavar="STUDY",
+        help="folder of a study, which may be under way, or of a campaign; several studies are compared",
+    )
+    parser.add_argument(
+        "--output",
+        type=given_path,
+        metavar="PATH",
+        help=f"file or folder of the page; the study's folder if left out, of several the current one, as "
+        f"{COMPARISON_FILE}",
+    )
+    given = parser.parse_args(arguments)
+    try:
+        target = write_report(given.study, given.output)
+    except (StudyError, ValueError) as error:
+        sys.stderr.write(f"error: {error}\n")
+        return 2
+    except OSError as error:
+        sys.stderr.write(f"error: the report cannot be written: {error}\n")
+        return 2
+    sys.stdout.write(f"report: {target}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,12 @@
+"""A report of a study as one HTML file that needs nothing else: facts in, a page out; nothing here writes a file.
+
+study_facts     what a study tells of itself
+simulated       what the simulator says of the same candidates, kept beside the study
+film            a swim as a drawing that moves
+study_page      the page of a study
+campaign_page   the page of a campaign
+comparison_page the page of several studies
+figures         plots, as plotly's data
+parts           what a page is made of
+page            the file: `page.html.jinja` filled in, with `page.css`, `page.js` and plotly's own bundle
+"""

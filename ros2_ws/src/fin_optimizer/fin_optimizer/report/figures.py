@@ -1,0 +1,401 @@
+"""Plots as plotly's data. Colours are variables of the page, so that they follow its light and dark.
+
+Colours are those of Okabe & Ito (2008) and the scale is cividis (Nuñez et al. 2018), which colour-blind people tell
+apart; what differs in colour differs in shape or dash too.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from fin_optimizer.search.space import Choice
+from fin_optimizer.study.drawing import axis_label, axis_scale
+from fin_optimizer.trial.result import Outcome
+from fin_optimizer.words import CM, in_words, show_number, show_speed, show_values, trial_name
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from fin_optimizer.report.simulated import Curve, Map
+    from fin_optimizer.search.space import AnyDimension, Space
+    from fin_optimizer.study.candidate import Candidate, TrialRecord
+
+    Figure = dict[str, Any]
+
+SPEED_LABEL = "mean forward speed (cm/s)"
+BLUE, RED, GREEN, ORANGE, PURPLE = (f"var(--{name})" for name in ("blue", "red", "green", "orange", "purple"))
+INK, QUIET = "var(--ink)", "var(--quiet)"
+COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE)
+SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross")
+DASHES = ("solid", "dash", "dot", "dashdot", "longdash")
+_OUTCOME_SYMBOLS = {Outcome.FAILED: "x-thin", Outcome.INTERRUPTED: "cross-thin", Outcome.INFEASIBLE: "line-ns"}
+MOST = 2000
+"""Points that a plot shows at most; more are slow to open and one grey area on paper."""
+LINES = 240
+"""Candidates that parallel coordinates show at most."""
+_SHADES = tuple(f"var(--shade{number})" for number in range(8))
+"""Of cividis, from slow to fast, which stands out."""
+
+
+def rounded(number: float | None, digits: int = 6) -> float | None:
+    """Return a number with so many digits as JSON has it: None of one that is not finite."""
+    if number is None or not math.isfinite(number):
+        return None
+    return float(f"{number:.{digits}g}")
+
+
+def numbers(values: Iterable[float | None]) -> list[float | None]:
+    """Return numbers as `rounded`."""
+    return [rounded(value) for value in values]
+
+
+def some_of(count: int, most: int = MOST) -> list[int]:
+    """Return places of a list that are shown: all, or of many evenly chosen ones with the first and the last."""
+    if count <= most:
+        return list(range(count))
+    return sorted(set(np.linspace(0, count - 1, most).astype(int).tolist()))
+
+
+def figure(data: Sequence[Mapping[str, Any]], across: Mapping[str, Any], up: Mapping[str, Any], **more: Any) -> Figure:
+    """Return a plot with two axes."""
+    return {"data": list(data), "layout": {"xaxis": dict(across), "yaxis": dict(up), **more}}
+
+
+def titled(text: str, **more: Any) -> dict[str, Any]:
+    """Return an axis with its label."""
+    return {"title": {"text": text}, **more}
+
+
+def along(dimension: AnyDimension) -> dict[str, Any]:
+    """Return a parameter's axis: label, range and scale, or the names of its choices."""
+    if isinstance(dimension, Choice):
+        shown = [html.escape(show_number(each, in_words(dimension.name)[1])) for each in dimension.choices]
+        ticks = {"tickvals": list(range(dimension.count)), "ticktext": shown}
+        return titled(axis_label(dimension), range=[dimension.low, dimension.high], **ticks)
+    factor = axis_scale(dimension)
+    low, high = dimension.minimum / factor, dimension.maximum / factor
+    if dimension.log:
+        margin = 0.02 * (math.log10(high) - math.log10(low))
+        return titled(axis_label(dimension), type="log", range=[math.log10(low) - margin, math.log10(high) + margin])
+    margin = 0.02 * (high - low)
+    return titled(axis_label(dimension), range=[low - margin, high + margin])
+
+
+def place(dimension: AnyDimension, value: Any) -> float | None:
+    """Return where a value stands on a parameter's axis."""
+    return rounded(dimension.number(value) / axis_scale(dimension))
+
+
+def dots(x: Sequence[Any], y: Sequence[Any], name: str, text: Sequence[str] = (), **marker: Any) -> dict[str, Any]:
+    """Return points with what is said of each."""
+    trace: dict[str, Any] = {"type": "scatter", "mode": "markers", "x": list(x), "y": list(y), "name": name}
+    trace["marker"] = {"size": 8, "line": {"width": 1, "color": "var(--paper)"}, **marker}
+    if text:
+        trace |= {"text": list(map(html.escape, text)), "hovertemplate": "%{text}<extra></extra>"}
+    return trace
+
+
+def line(x: Sequence[Any], y: Sequence[Any], name: str, colour: str, **more: Any) -> dict[str, Any]:
+    """Return a line."""
+    style = {"color": colour, "width": 2, "dash": more.pop("dash", "solid"), "shape": more.pop("shape", "linear")}
+    return {"type": "scatter", "mode": "lines", "x": list(x), "y": list(y), "name": name, "line": style, **more}
+
+
+def ring(x: Any, y: Any, text: str) -> dict[str, Any]:
+    """Return the mark around the best."""
+    told = html.escape(text)
+    marker = {"size": 16, "symbol": "circle-open", "color": RED, "line": {"width": 3, "color": RED}}
+    trace = {"type": "scatter", "mode": "markers", "x": [x], "y": [y], "name": "the best", "marker": marker}
+    return {**trace, "text": [told], "hovertemplate": "%{text}<extra></extra>"}
+
+
+def say(trial: TrialRecord) -> str:
+    """Return a trial in words."""
+    said = f"{trial_name(trial.number)}: {show_values(trial.values)}"
+    return f"{said}, {show_speed(trial.score)}" if trial.score is not None else f"{said}, {trial.outcome.value}"
+
+
+def say_candidate(candidate: Candidate) -> str:
+    """Return a candidate in words."""
+    score = "" if candidate.score is None else f", {show_speed(candidate.score)}"
+    return f"fin {candidate.number + 1}: {show_values(candidate.values)}{score}"
+
+
+# -- plots of a study --------------------------------------------------------------------------------------------------
+
+
+def progress(trials: Sequence[TrialRecord], best: Candidate | None) -> Figure:
+    """Return the score over the number of the trial, the best so far, and at the bottom what has no score."""
+    scored = [trial for trial in trials if trial.score is not None]
+    shown = [scored[index] for index in some_of(len(scored))]
+    data = [
+        dots(
+            [trial.number for trial in shown],
+            numbers((trial.score or 0.0) / CM for trial in shown),
+            f"trials ({len(scored)})" if len(shown) == len(scored) else f"{len(shown)} of {len(scored)} trials",
+            [say(trial) for trial in shown],
+            color=BLUE,
+            size=8 if len(shown) < 400 else 4,  # noqa: PLR2004
+        )
+    ]
+    steps = _best_so_far([(trial.number, trial.score or 0.0) for trial in scored], len(trials) - 1)
+    data.append(line(steps[0], numbers(steps[1]), "best so far", INK, shape="hv", hoverinfo="skip"))
+    for outcome, symbol in _OUTCOME_SYMBOLS.items():
+        without = [trial for trial in trials if trial.outcome is outcome]
+        if without:
+            few = [without[index] for index in some_of(len(without), 500)]
+            marks = dots(
+                [trial.number for trial in few],
+                [0.02] * len(few),
+                f"{outcome.value} ({len(without)})",
+                [f"{say(trial)}: {trial.reason}" for trial in few],
+                symbol=symbol,
+                size=9,
+                line={"width": 2, "color": ORANGE},
+            )
+            data.append({**marks, "yaxis": "y2"})
+    if best is not None and best.score is not None:
+        first = next(trial for trial in best.trials if trial.score is not None)
+        data.append(ring(first.number, rounded((first.score or 0.0) / CM), say_candidate(best)))
+    second = {"overlaying": "y", "range": [0, 1], "visible": False, "fixedrange": True}
+    return figure(data, titled("trial"), titled(SPEED_LABEL), yaxis2=second)
+
+
+def _best_so_far(scores: Sequence[tuple[int, float]], last: int) -> tuple[list[int], list[float]]:
+    """Return where the best rises and how high it is then, in cm/s, up to the last trial."""
+    x: list[int] = []
+    y: list[float] = []
+    for number, score in scores:
+        if not y or score / CM > y[-1]:
+            x.append(number)
+            y.append(score / CM)
+    if x and x[-1] < last:
+        x.append(last)
+        y.append(y[-1])
+    return x, y
+
+
+def over(dimension: AnyDimension, scored: Sequence[Candidate], best: Candidate, curve: Curve | None) -> Figure:
+    """Return the score over one parameter, with the simulator's curve through the best behind it."""
+    data = []
+    if curve is not None:
+        x = [place(dimension, value) for value in curve.values]
+        y = numbers(speed / CM for speed in curve.speeds)
+        name = "simulator, all else as the best has it"
+        if isinstance(dimension, Choice):
+            hollow: dict[str, Any] = {
+                "symbol": "square-open",
+                "size": 12,
+                "color": QUIET,
+                "line": {"width": 2, "color": QUIET},
+            }
+            data.append(dots(x, y, name, **hollow) | {"hovertemplate": "%{y:.4g} cm/s<extra>simulator</extra>"})
+        else:
+            data.append(line(x, y, name, QUIET, hovertemplate="%{y:.4g} cm/s<extra>simulator</extra>"))
+    shown = [scored[index] for index in some_of(len(scored))]
+    data.append(
+        dots(
+            [place(dimension, c.values[dimension.name]) for c in shown],
+            numbers((c.score or 0.0) / CM for c in shown),
+            f"fins ({len(scored)})" if len(shown) == len(scored) else f"{len(shown)} of {len(scored)} fins",
+            [say_candidate(c) for c in shown],
+            size=8 if len(shown) < 400 else 4,  # noqa: PLR2004
+            color=[c.number for c in shown],
+            colorscale="Cividis",
+            line={"width": 1, "color": QUIET},
+        )
+    )
+    at = place(dimension, best.values[dimension.name])
+    data.append(ring(at, rounded((best.score or 0.0) / CM), say_candidate(best)))
+    return figure(data, along(dimension), titled(SPEED_LABEL))
+
+
+def chart(space: Space, scored: Sequence[Candidate], best: Candidate, simulated: Map | None) -> Figure:
+    """Return the first two parameters as axes, with the score as colour, and the simulator's map behind them."""
+    first, second = space.dimensions[:2]
+    data: list[dict[str, Any]] = []
+    speeds = [(c.score or 0.0) / CM for c in scored]
+    known = [speed / CM for row in simulated.speeds for speed in row if math.isfinite(speed)] if simulated else []
+    scale = {"colorscale": "Cividis", "cmin": rounded(min(speeds + known)), "cmax": rounded(max(speeds + known))}
+    if simulated is not None:
+        data.append(
+            {
+                "type": "contour",
+                "x": [place(first, value) for value in simulated.across],
+                "y": [place(second, value) for value in simulated.up],
+                "z": [numbers(speed / CM for speed in row) for row in simulated.speeds],
+                "colorscale": "Cividis",
+                "zmin": scale["cmin"],
+                "zmax": scale["cmax"],
+                "ncontours": 16,
+                "showscale": False,
+                "line": {"width": 0.5, "color": "var(--paper)"},
+                "hovertemplate": "%{z:.4g} cm/s<extra>simulator</extra>",
+            }
+        )
+    shown = [scored[index] for index in some_of(len(scored))]
+    data.append(
+        dots(
+            [place(first, c.values[first.name]) for c in shown],
+            [place(second, c.values[second.name]) for c in shown],
+            "fins",
+            [say_candidate(c) for c in shown],
+            size=11 if len(shown) < 400 else 5,  # noqa: PLR2004
+            line={"width": 1.5, "color": "white"},
+            color=numbers((c.score or 0.0) / CM for c in shown),
+            colorbar={"title": {"text": "cm/s"}, "thickness": 14, "outlinewidth": 0},
+            **scale,
+        )
+    )
+    data.append(
+        ring(place(first, best.values[first.name]), place(second, best.values[second.name]), say_candidate(best))
+    )
+    return figure(data, along(first), along(second), showlegend=False)
+
+
+def parallel(space: Space, scored: Sequence[Candidate]) -> Figure:
+    """Return each candidate as a line over one axis a parameter and one for the score, the best drawn on top."""
+    ranked = sorted(scored, key=lambda c: c.score or 0.0)
+    chosen = [ranked[index] for index in some_of(len(ranked), LINES)]
+    low, high = (chosen[0].score or 0.0) / CM, (chosen[-1].score or 0.0) / CM
+    across = list(range(len(space.dimensions) + 1))
+    data: list[dict[str, Any]] = []
+    for shade, colour in enumerate(_SHADES):
+        x: list[float | None] = []
+        y: list[float | None] = []
+        for candidate in chosen[:-1]:
+            share = _share(candidate, low, high)
+            if min(int(share * len(_SHADES)), len(_SHADES) - 1) == shade:
+                x += [*across, None]
+                y += [*_heights(space, candidate, share), None]
+        if x:
+            data.append(
+                line(x, y, "", colour, hoverinfo="skip", showlegend=False, opacity=0.75) | {"connectgaps": False}
+            )
+            data[-1]["line"]["width"] = 1.3
+    best = chosen[-1]
+    data.append(line(across, _heights(space, best, _share(best, low, high)), "the best", RED, hoverinfo="skip"))
+    data[-1]["line"]["width"] = 4
+    labels = [axis_label(dimension).replace(" (", "<br>(") for dimension in space.dimensions]
+    notes = [note for index, dimension in enumerate(space.dimensions) for note in _ends(index, dimension)]
+    notes += [_note(across[-1], -0.05, f"{low:.4g}"), _note(across[-1], 1.05, f"{high:.4g}")]
+    shapes = [
+        {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "line": {"color": QUIET, "width": 1}} for x in across
+    ]
+    axis = {"tickvals": across, "ticktext": [*labels, "speed<br>(cm/s)"], "showgrid": False, "zeroline": False}
+    axis |= {"range": [-0.3, across[-1] + 0.3], "fixedrange": True}
+    up = {"visible": False, "range": [-0.12, 1.12], "fixedrange": True}
+    return figure(data, axis, up, annotations=notes, shapes=shapes)
+
+
+def _share(candidate: Candidate, low: float, high: float) -> float:
+    return ((candidate.score or 0.0) / CM - low) / (high - low) if high > low else 0.5
+
+
+def _heights(space: Space, candidate: Candidate, share: float) -> list[float | None]:
+    row = np.array([space.row(candidate.values)])
+    low, high = space.bounds
+    return numbers([*((space.coordinates(row)[0] - low) / (high - low)).tolist(), share])
+
+
+def _ends(index: int, dimension: AnyDimension) -> list[dict[str, Any]]:
+    if isinstance(dimension, Choice):
+        factor, span = in_words(dimension.name)[1], dimension.high - dimension.low
+        heights = [(place - dimension.low) / span for place in range(dimension.count)]
+        names = [show_number(each, factor) for each in dimension.choices]
+        return [_note(index, height, name) for height, name in zip(heights, names, strict=True)]
+    factor = axis_scale(dimension)
+    ends = ((-0.05, dimension.minimum), (1.05, dimension.last))
+    return [_note(index, height, f"{value / factor:.4g}") for height, value in ends]
+
+
+def _note(x: float, y: float, text: str) -> dict[str, Any]:
+    look = {"showarrow": False, "font": {"size": 11}, "bgcolor": "var(--paper)"}
+    return {"x": x, "y": y, "text": html.escape(text), **look}
+
+
+def repeats(some: Sequence[Candidate]) -> Figure:
+    """Return the swims of candidates one by one, with their mean and its standard deviation, the best first."""
+    x = [f"fin {candidate.number + 1}" for candidate in some]
+    swims = [(name, trial) for name, c in zip(x, some, strict=True) for trial in c.trials if trial.score is not None]
+    data = [
+        dots(
+            [name for name, _ in swims],
+            numbers((trial.score or 0.0) / CM for _, trial in swims),
+            "swims",
+            [say(trial) for _, trial in swims],
+            color=BLUE,
+            symbol="circle-open",
+            line={"width": 2, "color": BLUE},
+        )
+    ]
+    means = dots(
+        x, numbers((c.score or 0.0) / CM for c in some), "mean and standard deviation", list(map(say_candidate, some))
+    )
+    means["marker"] = {"symbol": "line-ew", "size": 18, "line": {"width": 3, "color": RED}}
+    spread = numbers(None if c.spread is None else c.spread / CM for c in some)
+    means["error_y"] = {"type": "data", "array": spread, "color": RED, "thickness": 1.5, "width": 5}
+    return figure([*data, means], {"type": "category"}, titled(SPEED_LABEL))
+
+
+def front(tried: Sequence[Candidate], chosen: Sequence[Candidate]) -> Figure:
+    """Return speed and energy per metre of every candidate, those of the Pareto front joined."""
+    known = [c for c in tried if c.score is not None and c.cost is not None]
+    known = [known[index] for index in some_of(len(known))]
+    points = dots(
+        numbers((c.score or 0.0) / CM for c in known),
+        numbers(c.cost for c in known),
+        f"fins ({len(known)})",
+        [f"{say_candidate(c)}, {c.cost:.4g} J/m" for c in known],
+        color=QUIET,
+        size=6,
+    )
+    ends = line(
+        numbers((c.score or 0.0) / CM for c in chosen),
+        numbers(c.cost for c in chosen),
+        f"Pareto front ({len(chosen)})",
+        RED,
+        text=[html.escape(f"{say_candidate(c)}, {c.cost:.4g} J/m") for c in chosen],
+        hovertemplate="%{text}<extra></extra>",
+        mode="lines+markers",
+    )
+    ends["marker"] = {"size": 9, "symbol": "diamond"}
+    return figure([points, ends], titled(SPEED_LABEL), titled("energy per metre (J/m)"))
+
+
+def importance(shares: Mapping[str, float]) -> Figure:
+    """Return the share of each parameter as a bar, the largest on top."""
+    names = list(shares)[::-1]
+    bars = {
+        "type": "bar",
+        "orientation": "h",
+        "x": [rounded(100.0 * shares[name]) for name in names],
+        "y": [html.escape(in_words(name)[0]) for name in names],
+        "text": [f"{100.0 * shares[name]:.0f} %" for name in names],
+        "textposition": "outside",
+        "cliponaxis": False,
+        "marker": {"color": BLUE},
+        "hoverinfo": "skip",
+    }
+    most = 115.0 * max(shares.values())
+    return figure([bars], titled("share (%)", range=[0, most]), {"automargin": True})
+
+
+def against(pairs: Sequence[tuple[Candidate, float, float]]) -> Figure:
+    """Return measured over simulated speed, with the line on which both are equal."""
+    x = numbers(simulated / CM for _, simulated, _ in pairs)
+    y = numbers(measured / CM for _, _, measured in pairs)
+    ends = [min(v for v in x + y if v is not None), max(v for v in x + y if v is not None)]
+    points = dots(x, y, "fins", [say_candidate(candidate) for candidate, _, _ in pairs], color=BLUE)
+    points["error_y"] = {
+        "type": "data",
+        "array": numbers(None if c.spread is None else c.spread / CM for c, _, _ in pairs),
+        "color": BLUE,
+        "thickness": 1,
+    }
+    equal = line(ends, ends, "equal", QUIET, dash="dash", hoverinfo="skip")
+    return figure([equal, points], titled("simulated (cm/s)"), titled("measured (cm/s)"))

@@ -1,0 +1,149 @@
+"""What a study tells of itself, gathered for its page."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, cast
+
+import scipy
+
+from fin_optimizer.report.film import film_of
+from fin_optimizer.report.simulated import (
+    KeptSpeeds,
+    Simulated,
+    curves_through,
+    key_of,
+    map_of,
+    numbers_of,
+    to_swim_again,
+)
+from fin_optimizer.study.candidate import candidates, fastest
+from fin_optimizer.study.simulated_curve import SimulatedFish
+from fin_optimizer.trial.result import Outcome
+from fin_plant.fin import node_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from fin_optimizer.study.candidate import Candidate, TrialRecord
+    from fin_optimizer.study.settings import Settings
+    from fin_plant.parameters import Value
+
+_FEWEST = 3
+"""Pairs below which a rank correlation says nothing."""
+
+
+@dataclass(frozen=True)
+class StudyFacts:
+    """What a study tells of itself.
+
+    Attributes:
+        name: What it is called: its folder's name.
+        settings: Of the study.
+        trials: All of them.
+        fish: What swam, as the journal has it; empty if it is not known.
+        versions: What made the scores, by name; of a bag of the study, or of the program that writes the page.
+        versions_of: Whose they are.
+        bags: Bags that lie in the folder, as the trials name them.
+        simulated: What the simulator says, None where it can say nothing.
+        notes: What reading the study told.
+    """
+
+    name: str
+    settings: Settings
+    trials: Sequence[TrialRecord]
+    fish: Mapping[str, object] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    versions_of: str = ""
+    bags: frozenset[str] = frozenset()
+    simulated: Simulated | None = None
+    notes: Sequence[str] = ()
+
+    @cached_property
+    def tried(self) -> list[Candidate]:
+        """Its candidates in the order they were proposed."""
+        return candidates(self.trials)
+
+    @cached_property
+    def scored(self) -> list[Candidate]:
+        """Those with a score."""
+        return [candidate for candidate in self.tried if candidate.score is not None]
+
+    @cached_property
+    def best(self) -> Candidate | None:
+        """The fastest."""
+        return fastest(self.tried)
+
+    @cached_property
+    def without_score(self) -> list[TrialRecord]:
+        """Trials that ended without one."""
+        ended = {Outcome.FAILED, Outcome.INTERRUPTED, Outcome.INFEASIBLE}
+        return [trial for trial in self.trials if trial.outcome in ended]
+
+    @cached_property
+    def pairs(self) -> list[tuple[Candidate, float, float]]:
+        """Candidates with their speeds as simulated and as measured, m/s."""
+        if self.simulated is None:
+            return []
+        again = self.simulated.again
+        found = [(c, again.get(c.number, math.nan), cast("float", c.score)) for c in self.scored]
+        return [pair for pair in found if math.isfinite(pair[1])]
+
+    @cached_property
+    def rank_correlation(self) -> float | None:
+        """Spearman's rank correlation of simulated and measured speeds; None of too few, or where all are equal."""
+        simulated, measured = [pair[1] for pair in self.pairs], [pair[2] for pair in self.pairs]
+        if len(simulated) < _FEWEST or len(set(simulated)) == 1 or len(set(measured)) == 1:
+            return None
+        return float(scipy.stats.spearmanr(simulated, measured).statistic)
+
+
+def simulate(
+    settings: Settings,
+    trials: Sequence[TrialRecord],
+    fish: Mapping[str, object],
+    cache: Path | None = None,
+    versions: Mapping[str, str] | None = None,
+) -> Simulated | None:
+    """Return what the simulator says of a study; None of one without a score, or that does not tell fin and gait.
+
+    Where another plant than the simulator swam, its candidates are swum again by the simulator's default fish.
+
+    Args:
+        settings: Of the study.
+        trials: All of them.
+        fish: What swam, as the journal has it.
+        cache: Where speeds once computed are kept; nowhere if left out.
+        versions: Of what computes them; others are computed anew.
+    """
+    tried = candidates(trials)
+    best = fastest(tried)
+    swum_by = SimulatedFish.of(settings, fish)
+    default = cast("Mapping[str, Value]", node_table("fin_sim", "simulator").checked({}))
+    swimmer = swum_by or SimulatedFish.of(settings, default)
+    if best is None or swimmer is None:
+        return None
+    try:
+        swum = swimmer.swim(best.values)
+    except (ArithmeticError, ValueError) as error:
+        return Simulated({}, None, {}, None, (), swum_by is not None, str(error))
+    key = key_of(settings.flat(), swimmer.parameters, versions)
+    speeds = KeptSpeeds(swimmer.speeds, key)
+    if cache is not None:
+        speeds.read(cache)
+    curves, chart = {}, None
+    if swum_by is not None:
+        curves = curves_through(settings.space, best.values, speeds)
+        chart = map_of(settings.space, best.values, speeds)
+    scores = {c.number: c.score for c in tried if c.score is not None}
+    values = {c.number: c.values for c in tried}
+    chosen = to_swim_again(scores)
+    again = dict(zip(chosen, speeds([values[number] for number in chosen]), strict=True))
+    if cache is not None:
+        speeds.write(cache)
+    number = cast("Mapping[str, float]", swimmer.parameters)
+    film = film_of(swum, (number["body.length"], number["body.width"]))
+    return Simulated(curves, chart, again, film, numbers_of(swum, swimmer.settle), swum_by is not None)

@@ -1,0 +1,321 @@
+"""The page of one study."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from fin_optimizer.report import figures
+from fin_optimizer.report.parts import Cell, Column, Facts, Film, Page, Plot, Section, Table
+from fin_optimizer.study.candidate import front, rank
+from fin_optimizer.study.importance import importances
+from fin_optimizer.study.report import varied
+from fin_optimizer.study.settings import Objective
+from fin_optimizer.trial.result import Outcome
+from fin_optimizer.words import CM, in_words, show_number, show_speed, show_values, with_unit
+from fin_plant.checks import counted
+from fin_plant.fin import node_table
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from fin_optimizer.report.parts import Block
+    from fin_optimizer.report.study_facts import StudyFacts
+    from fin_optimizer.study.candidate import Candidate, TrialRecord
+
+_ROWS = 400
+"""Trials that the table holds at most."""
+_REPEATED = 24
+"""Fins at most whose repeats are drawn."""
+_REASONS = 100
+"""Different reasons that are told at most."""
+_MAY_REPEAT = 2
+
+
+def study_page(facts: StudyFacts) -> Page:
+    """Return the page of a study, whatever it holds: no trial, one, or ten thousand."""
+    sections: list[Section | None] = [_progress(facts)]
+    if facts.best is not None:
+        sections += [_searched(facts, facts.best), _repeats(facts), _best_fin(facts), _against(facts)]
+    sections += [_trials(facts), _refused(facts), _settings(facts)]
+    return Page(
+        title=f"Study {facts.name}",
+        lead=lead(facts),
+        facts=Facts(_seen_first(facts), is_large=True),
+        sections=[section for section in sections if section is not None],
+        notes=facts.notes,
+    )
+
+
+def lead(facts: StudyFacts) -> list[str]:
+    """Return in sentences what a study found."""
+    best = facts.best
+    if not facts.trials:
+        return ["No trial was begun yet."]
+    if best is None or best.score is None:
+        return [f"No trial has a score yet, of {counted(len(facts.trials), 'trial')}."]
+    said = f"The best of {counted(len(facts.scored), 'fin')}: {show_values(best.values)} swims {show_speed(best.score)}"
+    if best.spread is not None:
+        swims = sum(trial.score is not None for trial in best.trials)
+        said += f", with a standard deviation of {best.spread / CM:.2g} cm/s between {swims} swims"
+    sentences = [f"{said}."]
+    if best.cost is not None:
+        sentences.append(f"It takes {best.cost:.4g} J a metre.")
+    return sentences
+
+
+def _seen_first(facts: StudyFacts) -> list[tuple[str, str]]:
+    outcomes = Counter(trial.outcome for trial in facts.trials)
+    seen = []
+    if facts.best is not None and facts.best.score is not None:
+        seen.append(("best speed", show_speed(facts.best.score)))
+    seen += [
+        ("fins", str(len(facts.tried))),
+        ("trials", str(len(facts.trials))),
+        *((outcome.value, str(outcomes[outcome])) for outcome in Outcome if outcomes[outcome]),
+    ]
+    started = [trial.started for trial in facts.trials if trial.started is not None]
+    ended = [trial.ended for trial in facts.trials if trial.ended is not None]
+    if started and ended:
+        seen.append(("begun", f"{min(started):%Y-%m-%d %H:%M}"))
+        seen.append(("last trial ended", f"{max(ended):%Y-%m-%d %H:%M}"))
+    plant = facts.fish.get("plant")
+    return [*seen, ("plant", str(plant))] if plant else seen
+
+
+def _progress(facts: StudyFacts) -> Section:
+    if not facts.trials:
+        return Section("progress", "Progress", ["There is nothing to show yet: begin with the first trial."])
+    algorithm = facts.settings.details.get("search.algorithm")
+    said = "Each trial's speed, and the best so far." + (f" The search is {algorithm}." if algorithm else "")
+    if facts.best is None:
+        said = "No trial has a score; the marks at the bottom are trials without one."
+    plot = Plot(figures.progress(facts.trials, facts.best), said)
+    return Section("progress", "Progress of the search", (), [plot])
+
+
+def _searched(facts: StudyFacts, best: Candidate) -> Section:
+    space, simulated = facts.settings.space, facts.simulated
+    curves = simulated.curves if simulated is not None else {}
+    if curves:
+        said = (
+            "Behind the fins is what the simulator swims with all else as the best fin has it; where there is a gap, "
+        )
+        said += "no fin can be, by the study's conditions or the plant's ranges."
+    elif simulated is not None:
+        said = "No simulated fish swam this study, so there is no landscape of the simulator behind the fins."
+    else:
+        said = "This study tells too little of its fish, fin or gait to compute the simulator's landscape."
+    several = len(space.dimensions) > 1
+    blocks: list[Block] = []
+    if several:
+        mapped = simulated.map if simulated is not None else None
+        what = "The first two parameters" if len(space.dimensions) > _MAY_REPEAT else "Both parameters"
+        behind = "; behind the fins what the simulator swims" if mapped is not None else ""
+        plot = figures.chart(space, facts.scored, best, mapped)
+        blocks.append(Plot(plot, f"{what}, the speed as colour{behind}.", 440))
+    for dimension in space.dimensions:
+        curve = curves.get(dimension.name)
+        plot = figures.over(dimension, facts.scored, best, curve)
+        blocks.append(Plot(plot, f"Speed over {in_words(dimension.name)[0]}.", 360, is_half=several))
+    if several:
+        shown = min(len(facts.scored), figures.LINES)
+        blocks.append(
+            Plot(
+                figures.parallel(space, facts.scored), f"Each line is a fin, {shown} of them; what stands out is fast."
+            )
+        )
+        shares = importances(space, [c.values for c in facts.scored], [c.score or 0.0 for c in facts.scored])
+        if shares:
+            told = "Which parameter decides: how far the best tenth of the fins differs from all in each (PED-ANOVA)."
+            blocks.append(Plot(figures.importance(shares), told, 120 + 40 * len(shares)))
+    if facts.settings.objective is Objective.SPEED_AND_COST:
+        chosen = front(facts.tried)
+        told = "Fins of which none is both faster and cheaper: the Pareto front."
+        blocks.append(Plot(figures.front(facts.tried, chosen), told))
+    return Section("searched", "Speed over what was searched", [said], blocks)
+
+
+def _repeats(facts: StudyFacts) -> Section:
+    repeated = [c for c in facts.scored if sum(trial.score is not None for trial in c.trials) > 1]
+    if not repeated:
+        spreads = [trial.spread for trial in facts.trials if trial.spread is not None]
+        said = "Each fin has one swim with a score, so there is no spread between repeats."
+        if spreads:
+            middle = sorted(spreads)[len(spreads) // 2]
+            said += (
+                f" Within a swim the speed's standard deviation from block to block is {middle / CM:.2g} cm/s (median)."
+            )
+        return Section("repeats", "Repeats", [said])
+    some = sorted(repeated, key=rank, reverse=True)[:_REPEATED]
+    spreads = sorted(candidate.spread or 0.0 for candidate in repeated)
+    said = (
+        f"{counted(len(repeated), 'fin')} swam more than once; the standard deviation between the swims of a fin is "
+        f"{spreads[len(spreads) // 2] / CM:.2g} cm/s (median), at most {spreads[-1] / CM:.2g} cm/s."
+    )
+    of = f"The {len(some)} fastest of them" if len(some) < len(repeated) else "All of them"
+    return Section("repeats", "Repeats", [said], [Plot(figures.repeats(some), f"{of}, the fastest first.")])
+
+
+def _best_fin(facts: StudyFacts) -> Section | None:
+    simulated = facts.simulated
+    if simulated is None:
+        return None
+    said = ["Computed by the simulator, with the fish that swam the study."]
+    if not simulated.is_the_plant:
+        said = ["Computed by the simulator with its default fish: it did not swim this study, and its body is another."]
+    blocks: list[Block] = []
+    if simulated.film is not None:
+        blocks.append(Film(simulated.film, "The best fin's swim from above: body, driven tail and bending fin."))
+        blocks.append(Facts(simulated.numbers))
+    else:
+        said = [f"The simulator cannot swim the best fin: {simulated.trouble}."]
+    return Section("best", "The best fin", said, blocks)
+
+
+def _against(facts: StudyFacts) -> Section | None:
+    if not facts.pairs or facts.simulated is None:
+        return None
+    correlation = facts.rank_correlation
+    if facts.simulated.is_the_plant:
+        said = "The simulator swam the trials through the whole graph, and again alone for this page."
+    else:
+        said = "Measured is what the plant swam; simulated is the simulator's default fish with the same fin and gait."
+    found = (
+        f"Spearman's rank correlation over {counted(len(facts.pairs), 'fin')}: {correlation:.3f}."
+        if correlation is not None
+        else "There are too few fins that differ for a rank correlation."
+    )
+    plot = Plot(figures.against(facts.pairs), "On the dashed line both are equal; bars are one standard deviation.")
+    return Section("measured", "Simulated against measured", [said, found], [plot])
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+
+
+def _trials(facts: StudyFacts) -> Section | None:
+    if not facts.trials:
+        return None
+    chosen = _chosen(facts.trials)
+    names = varied(facts.settings, [trial.values for trial in chosen])
+    columns = [Column("trial"), Column("fin"), *(_column(name) for name in names), Column("outcome", is_number=False)]
+    columns += [Column("speed", "cm/s"), Column("± within", "cm/s", is_minor=True)]
+    with_cost = any(trial.cost is not None for trial in chosen)
+    columns += [Column("energy", "J/m")] if with_cost else []
+    several = len({trial.plant for trial in facts.trials}) > 1
+    columns += [Column("plant", is_number=False, is_minor=True)] if several else []
+    columns += [Column("begun", is_number=False, is_minor=True), Column("bag", is_number=False, is_minor=True)]
+    best = facts.best
+    rows: list[list[Cell]] = []
+    marked = None
+    for trial in chosen:
+        told = facts.settings.told(trial.values)
+        row = [Cell(f"{trial.number:04d}", trial.number), Cell(str(trial.candidate + 1), trial.candidate)]
+        row += [_value(told.get(name), name) for name in names]
+        row += [Cell(trial.outcome.value), _speed(trial.score), _speed(trial.spread, 2)]
+        row += [Cell("" if trial.cost is None else f"{trial.cost:.4g}", trial.cost)] if with_cost else []
+        row += [Cell(trial.plant)] if several else []
+        begun = trial.started
+        row.append(Cell(f"{begun:%m-%d %H:%M:%S}", begun.timestamp()) if begun is not None else Cell(""))
+        row.append(Cell("bag", trial.number, trial.bag) if trial.bag in facts.bags else Cell(""))
+        if best is not None and trial.candidate == best.number and marked is None:
+            marked = len(rows)
+        rows.append(row)
+    note = ""
+    if len(chosen) < len(facts.trials):
+        note = (
+            f"The {len(chosen)} fastest of {len(facts.trials)} trials; all of them stand in trials.csv, which "
+            "`export` of fin_optimizer writes too."
+        )
+    return Section("trials", "Trials", (), [Table(columns, rows, note, marked)])
+
+
+def _chosen(trials: Sequence[TrialRecord]) -> list[TrialRecord]:
+    """Return the trials that the table holds: all, or of many the fastest, as they were begun."""
+    if len(trials) <= _ROWS:
+        return list(trials)
+    return sorted(trials, key=lambda t: (t.score is None, -(t.score or 0.0), t.number))[:_ROWS]
+
+
+def _column(name: str) -> Column:
+    word, _, unit = in_words(name)
+    return Column(word, unit)
+
+
+def _value(value: object, name: str) -> Cell:
+    if value is None:
+        return Cell("")
+    factor = in_words(name)[1]
+    return Cell(show_number(value, factor), float(value) if isinstance(value, int | float) else None)
+
+
+def _speed(value: float | None, digits: int = 4) -> Cell:
+    return Cell("" if value is None else f"{value / CM:.{digits}g}", value)
+
+
+def _refused(facts: StudyFacts) -> Section:
+    without = facts.without_score
+    if not without:
+        return Section("refused", "Refused and failed", ["Every trial that ended has a score: nothing was refused."])
+    reasons: dict[tuple[str, str], list[TrialRecord]] = {}
+    for trial in without:
+        reasons.setdefault((trial.outcome.value, trial.reason), []).append(trial)
+    ranked = sorted(reasons.items(), key=lambda item: (-len(item[1]), item[1][0].number))
+    rows = [
+        [
+            Cell(outcome),
+            Cell(str(len(some)), len(some)),
+            Cell(_names(some), some[0].number),
+            Cell(show_values(some[0].values)),
+            Cell(reason or "no reason is known"),
+        ]
+        for (outcome, reason), some in ranked[:_REASONS]
+    ]
+    columns = [
+        Column("outcome", is_number=False),
+        Column("trials"),
+        Column("numbers", is_number=False),
+        Column("the first of them", is_number=False, is_minor=True),
+        Column("why", is_number=False),
+    ]
+    said = "INFEASIBLE: refused. FAILED: no score, which counts as an attempt. INTERRUPTED: for no reason of the fin's."
+    note = f"{len(ranked) - _REASONS} more reasons stand in trials.csv." if len(ranked) > _REASONS else ""
+    return Section("refused", "Refused and failed", [said], [Table(columns, rows, note)])
+
+
+def _names(trials: Sequence[TrialRecord]) -> str:
+    numbers = ", ".join(f"{trial.number:04d}" for trial in trials[:5])
+    return f"{numbers} and {len(trials) - 5} more" if len(trials) > 5 else numbers  # noqa: PLR2004
+
+
+def _settings(facts: StudyFacts) -> Section:
+    blocks: list[Block] = [_pairs(facts.settings.flat(), "setting")]
+    said = ["What decides candidates and scores: it cannot change while a study goes on."]
+    seed = facts.settings.details.get("seed")
+    if seed is not None:
+        said.append(f"Seed {seed}: with it, and what was tried before, each candidate can be computed again.")
+    if facts.fish:
+        blocks.append(_pairs(facts.fish, "of the fish"))
+    if facts.versions:
+        said.append(f"Versions are {facts.versions_of}.")
+        blocks.append(_pairs(facts.versions, "version"))
+    return Section("settings", "Parameters, versions, seed", said, blocks)
+
+
+def _pairs(content: Mapping[str, object], what: str) -> Table:
+    rows = [[Cell(_with_unit(name)), Cell(_text(value))] for name, value in content.items()]
+    return Table([Column(what, is_number=False), Column("value", is_number=False)], rows)
+
+
+def _with_unit(name: str) -> str:
+    """Return a parameter's name with its SI unit, of the fish and of the study's own too."""
+    known = node_table("fin_sim", "simulator"), node_table("fin_optimizer", "optimizer")
+    unit = next((table[name].unit for table in known if name in table), "")
+    return f"{name} [{unit}]" if unit else with_unit(name)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.10g}"
+    return value if isinstance(value, str) else json.dumps(value, default=str)

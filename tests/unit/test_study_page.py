@@ -1,0 +1,323 @@
+"""The report of a study: one file that needs nothing else, and says what the study found whatever it holds."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from html.parser import HTMLParser
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from fin_optimizer.report import figures
+from fin_optimizer.report.film import film_of
+from fin_optimizer.report.page import html_of
+from fin_optimizer.report.parts import Facts, Film, Page, Plot, Section, Table
+from fin_optimizer.report.simulated import Curve, KeptSpeeds, Map, Simulated, map_of, numbers_of, to_swim_again
+from fin_optimizer.report.study_facts import StudyFacts, simulate
+from fin_optimizer.report.study_page import study_page
+from fin_optimizer.search.space import Choice, Dimension, Space, generator
+from fin_optimizer.study.candidate import TrialRecord
+from fin_optimizer.study.settings import Objective, Settings
+from fin_optimizer.trial.result import Outcome
+from fin_plant.fin import FIN_PARAMETERS, node_table
+from fin_plant.gait import carangiform
+from fin_sim.swim import swim
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+LARGEST_PAGE = 5_000_000
+MODULUS = Dimension("fin.young_modulus", 0.5e9, 4e9, "Pa", log=True)
+LENGTH = Dimension("fin.length", 0.05, 0.1, "m")
+SHEET = Choice("fin.hinges", ("midpoint", "</script><b>$x_{"))
+SPACE = Space((MODULUS, LENGTH, SHEET))
+DETAILS = {"seed": 7, "search.algorithm": "random", "measurement.duration": 0.4, "measurement.settle": 0.1}
+SETTINGS = Settings(SPACE, details=DETAILS)
+NOON = datetime(2026, 1, 2, 12, tzinfo=UTC)
+
+
+def trial(
+    number: int,
+    outcome: Outcome = Outcome.OK,
+    score: float | None = 0.02,
+    *,
+    candidate: int | None = None,
+    reason: str = "",
+) -> TrialRecord:
+    fin = number if candidate is None else candidate
+    return TrialRecord(
+        number=number,
+        candidate=fin,
+        values=SPACE.drawn(generator(3, fin)),
+        outcome=outcome,
+        reason=reason,
+        score=score if outcome is Outcome.OK else None,
+        spread=0.001 if outcome is Outcome.OK else None,
+        cost=None,
+        samples=10,
+        plant="/fish",
+        bag=f"bags/trial_{number:04d}",
+        started=NOON + timedelta(seconds=number),
+        ended=NOON + timedelta(seconds=number + 1),
+    )
+
+
+def scored(count: int) -> list[TrialRecord]:
+    return [trial(number, score=0.01 + 1e-6 * ((37 * number) % count)) for number in range(count)]
+
+
+SIMULATED = Simulated(
+    curves={LENGTH.name: Curve([0.05, 0.1], [0.01, math.nan]), SHEET.name: Curve(SHEET.choices, [0.01, 0.02])},
+    map=None,
+    again={0: 0.011, 1: 0.010, 2: 0.012, 3: math.nan},
+    film={"rate": 25.0, "start": 0.0, "beat": 1.0, "body": [10, 5], "driven": [True], "frames": [[0] * 7, [1] * 7]},
+    numbers=[("mean thrust", "2.3 mN")],
+    is_the_plant=True,
+)
+EMPTY = StudyFacts("empty", SETTINGS, [])
+WITHOUT_SCORE = StudyFacts("none", SETTINGS, [trial(0, Outcome.FAILED, reason="no velocity")])
+ONE = StudyFacts("one", SETTINGS, scored(1))
+TYPICAL = StudyFacts(
+    "typical <&>",
+    SETTINGS,
+    [*scored(12), trial(12, Outcome.INFEASIBLE, reason='too <b>long</b> </script> "x"'), trial(13, Outcome.RUNNING)],
+    {"plant": "simulator", "body.length": 0.14},
+    {"version.numpy": "2"},
+    "those of a bag",
+    frozenset({"bags/trial_0000"}),
+    SIMULATED,
+)
+TEN_THOUSAND = StudyFacts(
+    "large", SETTINGS, [*scored(10_000), *(trial(n, Outcome.FAILED) for n in range(10_000, 10_900))]
+)
+
+
+class Seen(HTMLParser):
+    """What a page holds: its elements, what they refer to, and the text of each script."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.elements: list[str] = []
+        self.references: list[str] = []
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append(tag)
+        self.references += [value or "" for name, value in attrs if name in {"src", "href", "action", "data", "srcset"}]
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def seen(text: str) -> Seen:
+    parser = Seen()
+    parser.feed(text)
+    parser.close()
+    return parser
+
+
+def section(page: Page, anchor: str) -> Section:
+    return next(each for each in page.sections if each.anchor == anchor)
+
+
+def of_kind(page: Page, kind: type) -> list[Any]:
+    return [block for each in page.sections for block in each.blocks if isinstance(block, kind)]
+
+
+@pytest.mark.parametrize("facts", [EMPTY, WITHOUT_SCORE, ONE, TYPICAL, TEN_THOUSAND], ids=lambda facts: facts.name)
+def test_a_page_is_one_small_file_that_refers_to_nothing_outside(facts: StudyFacts) -> None:
+    text = html_of(study_page(facts))
+    assert len(text.encode()) < LARGEST_PAGE
+    page = seen(text)
+    anchors = {f"#{each.anchor}" for each in study_page(facts).sections}
+    assert set(page.references) <= anchors | {"bags/trial_0000"}
+    assert not {"link", "img", "iframe", "object", "base"} & set(page.elements)
+    assert "default-src 'none'" in text  # a browser refuses whatever would be fetched all the same
+    own = re.sub(r'<script type="text/plain" id="bundle">.*?</script>', "", text, flags=re.DOTALL)
+    assert not re.search(r"https?:|url\(|@import", own)
+
+
+def test_what_a_laboratory_writes_is_text_and_never_markup() -> None:
+    page = seen(html_of(study_page(TYPICAL)))
+    assert "b" not in page.elements
+    told = "".join(page.text)
+    assert 'too <b>long</b> </script> "x"' in told
+    assert "Study typical <&>" in told
+
+
+def test_the_data_of_each_plot_can_be_read_and_holds_only_numbers_that_json_knows() -> None:
+    text = html_of(study_page(TYPICAL))
+    plots = re.findall(r'<script type="application/json">(.*?)</script>', text, flags=re.DOTALL)
+    assert len(plots) == len(of_kind(study_page(TYPICAL), Plot)) + 1
+    for plot in plots:
+        json.loads(plot, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_each_thing_that_a_page_must_hold_is_there() -> None:
+    page = study_page(TYPICAL)
+    anchors = [each.anchor for each in page.sections]
+    assert anchors == ["progress", "searched", "repeats", "best", "measured", "trials", "refused", "settings"]
+    assert len(of_kind(page, Film)) == 1
+    assert [("mean thrust", "2.3 mN")] in [block.entries for block in of_kind(page, Facts)]
+    assert "The best of 12 fins" in page.lead[0]
+    settings = [cell.text for table in section(page, "settings").blocks for row in table.rows for cell in row]  # type: ignore[union-attr]
+    assert {"seed", "7", "version.numpy", "body.length [m]"} <= set(settings)
+
+
+def test_a_study_without_a_score_says_so_and_why() -> None:
+    page = study_page(WITHOUT_SCORE)
+    assert page.lead == ["No trial has a score yet, of 1 trial."]
+    (table,) = section(page, "refused").blocks
+    assert isinstance(table, Table)
+    assert [cell.text for cell in table.rows[0]][-1] == "no velocity"
+    assert study_page(EMPTY).lead == ["No trial was begun yet."]
+
+
+def test_of_ten_thousand_trials_the_fastest_stand_in_the_table_and_no_plot_has_more_points_than_can_be_seen() -> None:
+    page = study_page(TEN_THOUSAND)
+    (table,) = section(page, "trials").blocks
+    assert isinstance(table, Table)
+    assert len(table.rows) == 400
+    speeds = [row[6].sort for row in table.rows]
+    assert min(s for s in speeds if s is not None) == pytest.approx(0.01 + 1e-6 * 9600)
+    assert "400 fastest of 10900" in table.note
+    for plot in of_kind(page, Plot):
+        assert all(len(trace["x"]) <= figures.MOST for trace in plot.figure["data"] if trace.get("mode") == "markers")
+    (refused,) = section(page, "refused").blocks
+    assert isinstance(refused, Table)
+    assert refused.rows[0][1].text == "900"
+
+
+def test_the_best_trial_is_marked_and_only_bags_that_are_there_are_linked() -> None:
+    (table,) = section(study_page(TYPICAL), "trials").blocks
+    assert isinstance(table, Table)
+    best = TYPICAL.best
+    assert best is not None
+    assert table.best is not None
+    assert table.rows[table.best][0].text == f"{best.trials[0].number:04d}"
+    assert [cell.link for row in table.rows for cell in row if cell.link] == ["bags/trial_0000"]
+
+
+def test_repeats_have_their_spread() -> None:
+    trials = [trial(0, score=0.02), trial(1, score=0.03, candidate=0), trial(2, score=0.01)]
+    repeats = section(study_page(StudyFacts("r", SETTINGS, trials)), "repeats")
+    assert "1 fin swam more than once" in repeats.paragraphs[0]
+    assert "0.71 cm/s (median)" in repeats.paragraphs[0]
+    (plot,) = repeats.blocks
+    assert isinstance(plot, Plot)
+    assert plot.figure["data"][0]["y"] == [2.0, 3.0]
+    once = section(study_page(ONE), "repeats")
+    assert "no spread between repeats" in once.paragraphs[0]
+
+
+def test_two_objectives_have_their_front() -> None:
+    trials = [replace(each, cost=0.1 * each.number) for each in scored(5)]
+    facts = StudyFacts("f", Settings(SPACE, details=DETAILS, objective=Objective.SPEED_AND_COST), trials)
+    assert any("Pareto front" in plot.says for plot in of_kind(study_page(facts), Plot))
+
+
+def test_simulated_and_measured_are_compared_by_rank() -> None:
+    again = dict(enumerate([0.011, 0.013, 0.012]))
+    trials = [trial(0, score=0.010), trial(1, score=0.030), trial(2, score=0.020), trial(3, score=0.005)]
+    facts = StudyFacts("r", SETTINGS, trials, simulated=replace(SIMULATED, again=again, is_the_plant=False))
+    assert facts.rank_correlation == pytest.approx(1.0)
+    assert "over 3 fins: 1.000" in section(study_page(facts), "measured").paragraphs[1]
+    few = replace(facts, simulated=replace(SIMULATED, again={0: 0.01}))
+    assert few.rank_correlation is None
+    robot = replace(facts, simulated=replace(SIMULATED, curves={}, is_the_plant=False))
+    assert "No simulated fish swam" in section(study_page(robot), "searched").paragraphs[0]
+
+
+# -- the simulator -----------------------------------------------------------------------------------------------------
+
+
+def test_a_speed_is_computed_once_and_kept_for_the_same_simulator_alone(tmp_path: Path) -> None:
+    asked: list[int] = []
+
+    def compute(some: Sequence[Mapping[str, Any]]) -> list[float]:
+        asked.append(len(some))
+        return [math.nan if values["a"] < 0.0 else values["a"] for values in some]
+
+    first = KeptSpeeds(compute, "k")
+    some = [{"a": 1.0}, {"a": -1.0}, {"a": 1.0}]
+    found = first(some)
+    assert (found[0], found[2], math.isnan(found[1])) == (1.0, 1.0, True)
+    first.write(tmp_path / "kept.json")
+    for key, number in (("k", 0), ("another", 2)):
+        again = KeptSpeeds(compute, key)
+        again.read(tmp_path / "kept.json")
+        again(some)
+        assert asked[-1] == number
+    for damage in ("", "[]", '{"key": "k"}', '{"key": "k", "speeds": 3}'):
+        (tmp_path / "kept.json").write_text(damage)
+        again = KeptSpeeds(compute, "k")
+        again.read(tmp_path / "kept.json")
+        assert again.known == {}
+
+
+def test_a_map_has_a_row_a_value_of_the_second_parameter() -> None:
+    found = map_of(Space((MODULUS, LENGTH)), {}, lambda some: [values[LENGTH.name] for values in some])
+    assert isinstance(found, Map)
+    assert [row[0] for row in found.speeds] == list(found.up)
+    assert all(len(set(row)) == 1 and len(row) == len(found.across) for row in found.speeds)
+    assert map_of(SPACE, {}, lambda some: [0.0] * len(some)) is None
+
+
+def test_of_many_candidates_some_of_all_ranks_are_swum_again() -> None:
+    many = {number: float((7 * number) % 1000) for number in range(1000)}
+    chosen = [many[number] for number in to_swim_again(many)]
+    assert (chosen[0], chosen[-1]) == (0.0, 999.0)
+    assert len(chosen) == len(set(chosen)) < 500
+    assert sorted(to_swim_again({3: 0.1, 4: 0.2})) == [3, 4]
+
+
+def test_a_film_shows_the_swim_where_it_was() -> None:
+    swum = swim(gait=carangiform(0.2, 2.0), duration=1.5)
+    film = film_of(swum, (0.14, 0.045))
+    frames = np.array(film["frames"])
+    assert len(frames) == 38
+    assert film["body"] == [1400, 450]
+    last = int(np.searchsorted(swum.time, 37 / film["rate"]))
+    assert frames[-1, 0] == pytest.approx(1e4 * (swum.x[last] - swum.x[0]), abs=1.0)
+    assert frames[-1, -2] == pytest.approx(1e4 * (swum.tip_path[last, 0] - swum.x[0]), abs=1.0)
+    assert len(film["driven"]) == len(swum.chain.links) == (frames.shape[1] - 5) / 2
+
+
+def test_the_numbers_of_a_swim_are_told_with_units_and_a_swim_too_short_for_a_beat_leaves_some_out() -> None:
+    told = dict(numbers_of(swim(gait=carangiform(0.2, 2.0), duration=3.0), 0.5))
+    wanted = {"mean speed, as scored", "mean thrust", "mean servo power", "energy per metre", "Strouhal number"}
+    assert wanted <= told.keys()
+    assert told["tail beat"] == "2 Hz"
+    short = dict(numbers_of(swim(duration=0.6), 0.0))
+    assert "Strouhal number" not in short
+    assert "mean speed, as scored" in short
+
+
+def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its_default_fish(tmp_path: Path) -> None:
+    table = node_table("fin_sim", "simulator")
+    fish = {name: table[name].default for name in table.deciding_swims - FIN_PARAMETERS.keys()}
+    fin = {name: parameter.default for name, parameter in FIN_PARAMETERS.items()}
+    gait = {"gait.frequency": 2.0, "gait.amplitude": 0.2}
+    settings = Settings(Space((LENGTH,)), details={**DETAILS, **fin, **gait, "fin.area": 2e-3})
+    trials = [replace(trial(0), values={LENGTH.name: 0.08})]
+    cache = tmp_path / "landscape.json"
+    own = simulate(settings, trials, fish, cache)
+    assert own is not None
+    assert own.is_the_plant
+    assert own.film is not None
+    assert np.isfinite(own.curves[LENGTH.name].speeds).all()
+    before = cache.read_text()
+    assert simulate(settings, trials, fish, cache) == own
+    assert cache.read_text() == before
+    other = simulate(settings, trials, {"plant": "robot"})
+    assert other is not None
+    assert (other.is_the_plant, other.curves) == (False, {})
+    assert other.again == pytest.approx(own.again)
+    assert simulate(settings, [], fish) is None
+    assert simulate(SETTINGS, trials, fish) is None
