@@ -26,9 +26,12 @@ STRIP = (
     *("--weight", "5 +- 0.1 g", "--deflection", "12 +- 0.5 mm"),
 )
 # What makes an executable work for some time, or get as far as it can without a device.
+SWIMS = str(ROOT / "tests/data/tail_actuated_fish_swims")
+FITTED = str(ROOT / "ros2_ws/src/fin_optimizer/config/fitted_tail_actuated_fish.yaml")
 ARGUMENTS = {
     "bench": ("--repeats", "50"),
     "bringup": ("trials:=20", "study_folder:=study", "disk.minimum_free:=0"),
+    "calibrate": ("--swims", SWIMS, "--starts", "50"),
     "calibrate_servo": (str(ROOT / "ros2_ws/src/fin_servo_driver/config/dynamixel.yaml"),),
     "control": ("pause",),
     "dashboard": ("study",),
@@ -38,6 +41,7 @@ ARGUMENTS = {
     "optimizer": ("--ros-args", "-p", "study_folder:=study", "-p", "disk.minimum_free:=0"),
     "play_bag": ("bag",),
     "recover_study": ("study",),
+    "predict": ("--fish", FITTED, "--swims", SWIMS),
     "repair_bags": ("bags",),
     "report": ("study",),
     "score_bag": ("bags",),
@@ -54,6 +58,7 @@ ENDED_BEFORE = {
     "measure_strip": 0,
     "play_bag": 2,
     "recover_study": 2,
+    "predict": 0,
     "repair_bags": 2,
     "report": 2,
     "score_bag": 2,

@@ -28,6 +28,7 @@ setup(
         "console_scripts": [
             "optimizer = fin_optimizer.optimizer:main",
             "bringup = fin_optimizer.commands.bringup:main",
+            "calibrate = fin_optimizer.commands.calibrate:main",
             "compare_searches = fin_optimizer.commands.compare_searches:main",
             "control = fin_optimizer.commands.control:main",
             "dashboard = fin_optimizer.commands.dashboard:main",
@@ -35,6 +36,7 @@ setup(
             "export = fin_optimizer.commands.export:main",
             "play_bag = fin_optimizer.commands.play_bag:main",
             "recover_study = fin_optimizer.commands.recover_study:main",
+            "predict = fin_optimizer.commands.predict:main",
             "repair_bags = fin_optimizer.commands.repair_bags:main",
             "report = fin_optimizer.commands.report:main",
             "score_bag = fin_optimizer.commands.score_bag:main",

@@ -1,0 +1,74 @@
+"""What a prediction is judged by. All windows are in true time, s since the swim's first sample."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fin_optimizer.calibration.prediction import GIVEN
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from fin_optimizer.calibration.prediction import Prediction
+    from fin_optimizer.calibration.swims import Swim
+
+LAST = 2.0
+"""s at a swim's end over which the forward speed is averaged."""
+AFTER = 3.0
+"""s after the first second at which the position is compared."""
+KINDS = ("speed", "turning_rate", "position")
+_FIRST = 1.0
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a prediction is off.
+
+    Attributes:
+        speed: Of the mean forward speed over the last 2 s, relative.
+        turning_rate: Of the mean turning rate from the end of what was given to the swim's end, relative; None for a
+            swim that was not asked to turn.
+        position: m, at 4 s; None where no position was recorded, or where the swim is shorter.
+    """
+
+    speed: float
+    turning_rate: float | None
+    position: float | None
+
+
+def errors(swim: Swim, predicted: Prediction, given: float = GIVEN) -> Errors:
+    """Return the errors of a prediction that was shown the first ``given`` s."""
+    time, last = swim.time, swim.time >= swim.time[-1] - LAST
+    recorded = float(np.mean(swim.forward[last]))
+    speed = abs(float(np.mean(predicted.forward[last])) - recorded) / abs(recorded)
+    turning = None
+    if swim.turns:
+        rest = np.flatnonzero(time >= given)
+        turned = [float(heading[rest[-1]] - heading[rest[0]]) for heading in (predicted.heading, swim.heading)]
+        turning = abs(turned[0] - turned[1]) / abs(turned[1])
+    apart = None
+    if swim.position is not None and time[-1] >= _FIRST + AFTER:
+        at = int(np.argmin(np.abs(time - _FIRST - AFTER)))
+        apart = math.dist(predicted.position[at], swim.position[at])
+    return Errors(speed, turning, apart)
+
+
+def summary(all_errors: Sequence[Errors], of: Callable[[list[float]], float]) -> dict[str, float | None]:
+    """Return one number for each kind of error over many swims; None where no swim has it."""
+    result: dict[str, float | None] = {}
+    for kind in KINDS:
+        told = [value for each in all_errors if (value := getattr(each, kind)) is not None]
+        result[kind] = of(told) if told else None
+    return result
+
+
+def medians_and_90(all_errors: Sequence[Errors]) -> dict[str, dict[str, float | None]]:
+    """Return medians and 90th percentiles by kind of error."""
+    return {
+        "median": summary(all_errors, lambda told: float(np.median(told))),
+        "p90": summary(all_errors, lambda told: float(np.percentile(told, 90.0))),
+    }

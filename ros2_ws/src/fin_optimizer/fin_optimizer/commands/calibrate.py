@@ -1,0 +1,206 @@
+"""Command ``calibrate``: a laboratory's own fish, fitted to the swims that it recorded."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from fin_optimizer.calibration.recorded import read_folder
+from fin_optimizer.calibration.settings import read_settings
+from fin_optimizer.calibration.swims import usable
+from fin_plant import checks
+from fin_plant.figures import check_picture, try_to_draw
+from fin_plant.output import end_when_output_closes
+from fin_plant.paths import config_folder, given_path
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from fin_optimizer.calibration.errors import Errors
+    from fin_optimizer.calibration.fit import Fit
+    from fin_optimizer.calibration.settings import Settings
+    from fin_optimizer.calibration.swims import Swim
+
+SETTINGS = "calibrate_tail_actuated_fish.yaml"
+GROUPS: dict[str, Callable[[Swim], float | str]] = {
+    "amplitude": lambda swim: round(swim.amplitude, 6),
+    "bias": lambda swim: round(swim.bias, 6),
+    "condition": lambda swim: swim.name,
+}
+_BAD_INPUT, _INTERRUPTED = 2, 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="calibrate",
+        description="Fit the uncertain parameters of a fish to recorded swims; say how sure they are.",
+        epilog="Swims are CSV files named amplitude<degrees>_bias<degrees>_<run>.csv with the columns t, v_forward, "
+        "v_lateral, yaw_rate, heading and, where tracked, x and y, in SI units and radians, or bags of trials.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--swims", type=given_path, required=True, metavar="FOLDER", help="the recorded swims")
+    parser.add_argument(
+        "--settings", type=given_path, metavar="FILE", help=f"what is fitted, YAML (default: {SETTINGS} of the package)"
+    )
+    parser.add_argument("--out", type=given_path, metavar="FILE", help="write the fitted fish, a parameter file")
+    parser.add_argument("--page", type=given_path, metavar="FILE", help="draw measured against predicted, .png or .pdf")
+    parser.add_argument(
+        "--fix", action="append", default=[], metavar="NAME=VALUE", help="known by a ruler or a scale: not fitted"
+    )
+    parser.add_argument(
+        "--leave-out", choices=sorted(GROUPS), help="fit again without each and predict it: how far the fish is right"
+    )
+    parser.add_argument(
+        "--seed", type=checks.read_whole_number, default=0, metavar="N", help="of the starts (default 0)"
+    )
+    parser.add_argument(
+        "--starts", type=checks.read_whole_number, default=4, metavar="N", help="fits from other places (default 4)"
+    )
+    return parser
+
+
+def _fixed(texts: Sequence[str]) -> dict[str, float]:
+    result = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        try:
+            result[name.strip()] = checks.read_number(value.strip())
+        except ValueError:
+            msg = f"--fix {text!r} must be NAME=VALUE, the value a number in SI units"
+            raise ValueError(msg) from None
+        if not equals:
+            raise AssertionError
+    return result
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
+
+
+def _report(found: Fit) -> None:
+    width = max(map(len, found.names))
+    _say(f"{'fitted'.ljust(width)}  value      one standard error")
+    for row in zip(found.names, found.values, found.low, found.high, strict=True):
+        _say(f"{row[0].ljust(width)}  {row[1]:<9.4g}  {row[2]:.4g} to {row[3]:.4g}")
+    names, together = found.names, found.correlations
+    pairs = sorted(
+        ((abs(together[i, j]), i, j) for i in range(len(names)) for j in range(i)), key=lambda pair: -pair[0]
+    )
+    _say("strongest correlations of the errors:")
+    for _, i, j in pairs[:5]:
+        _say(f"  {together[i, j]:+.2f}  {names[j]}, {names[i]}")
+    for doubt in found.doubts:
+        _say(f"note: {doubt}")
+
+
+def show_errors(title: str, all_errors: Sequence[Errors]) -> str:
+    """Return one line on many predictions: medians, 90th percentiles in brackets."""
+    from fin_optimizer.calibration.errors import medians_and_90  # noqa: PLC0415
+
+    told = medians_and_90(all_errors)
+    scale = {"speed": (100.0, "%"), "turning_rate": (100.0, "%"), "position": (100.0, "cm")}
+    parts = []
+    for kind, (factor, unit) in scale.items():
+        middle, high = told["median"][kind], told["p90"][kind]
+        if middle is not None and high is not None:
+            digits = 2 if unit == "cm" else 1
+            parts.append(f"{kind.replace('_', ' ')} {factor * middle:.{digits}f} ({factor * high:.{digits}f}) {unit}")
+    return f"{title}: {', '.join(parts)}"
+
+
+def _leave_out(kind: str, swims: Sequence[Swim], settings: Settings, found: Fit) -> None:
+    from fin_optimizer.calibration.errors import errors  # noqa: PLC0415
+    from fin_optimizer.calibration.fit import refit  # noqa: PLC0415
+    from fin_optimizer.calibration.model import Tank  # noqa: PLC0415
+    from fin_optimizer.calibration.prediction import predict  # noqa: PLC0415
+
+    group = GROUPS[kind]
+    keys = dict.fromkeys(map(group, swims))
+    if len(keys) == 1:
+        msg = f"--leave-out {kind}: all swims are of one {kind}, nothing would be left"
+        raise ValueError(msg)
+    everything: dict[float, list[Errors]] = {1.0: [], 2.0: []}
+    _say(f"each {kind} predicted by a fish fitted without it; medians (90th percentiles) of its swims:")
+    for key in keys:
+        others = [swim for swim in swims if group(swim) != key]
+        left_out = [swim for swim in swims if group(swim) == key]
+        tank = Tank(refit(others, settings, found).model)
+        told = f"{key:+.3g} rad" if isinstance(key, float) else key
+        for given, known in everything.items():
+            own = [errors(swim, predict(tank, swim, given), given) for swim in left_out]
+            known.extend(own)
+            _say(show_errors(f"  {told}, first {given:g} s given", own))
+    for given, known in everything.items():
+        _say(show_errors(f"  all, first {given:g} s given", known))
+
+
+def _check_outputs(given: argparse.Namespace) -> None:
+    if given.page:
+        check_picture(given.page)
+    for path in filter(None, (given.out, given.page)):
+        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
+            msg = f"{path} cannot be written: its folder must exist and be writable"
+            raise ValueError(msg)
+
+
+def _write(path: Path, text: str) -> None:
+    with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=".calibrate-", delete=False, encoding="utf-8") as new:
+        new.write(text)
+    Path(new.name).chmod(0o644)
+    Path(new.name).replace(path)
+    _say(f"wrote {path}")
+
+
+def _run(given: argparse.Namespace, command: str) -> int:
+    _check_outputs(given)
+    checks.whole_number("--starts", given.starts, 1, 1000)
+    checks.whole_number("--seed", given.seed)
+    settings = read_settings(given.settings or config_folder("fin_optimizer") / SETTINGS)
+    settings = settings.with_fixed(_fixed(given.fix))
+    swims, notes = usable(read_folder(given.swims), settings.stated_frequency)
+    for note in notes:
+        _say(f"note: {note}")
+    # Half a second, which bad input is not kept waiting for.
+    from fin_optimizer.calibration.fish_file import fish_file  # noqa: PLC0415
+    from fin_optimizer.calibration.fit import fit  # noqa: PLC0415
+    from fin_optimizer.calibration.model import Tank  # noqa: PLC0415
+    from fin_optimizer.calibration.prediction import GIVEN, predict  # noqa: PLC0415
+
+    found = fit(swims, settings, given.seed, given.starts, _say)
+    _report(found)
+    if given.out:
+        _write(given.out, fish_file(found, [swim.name for swim in swims], command))
+    if given.page:
+        from fin_optimizer.calibration.page import draw_page  # noqa: PLC0415
+
+        tank = Tank(found.model)
+        predictions = [predict(tank, swim) for swim in swims]
+        failure = try_to_draw(given.page, lambda: draw_page(given.page, swims, predictions, GIVEN))
+        _say(f"note: {failure}" if failure else f"wrote {given.page}")
+    if given.leave_out:
+        _leave_out(given.leave_out, swims, settings, found)
+    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Calibrate; return 0, 2 for input that cannot be used, 130 for Ctrl-C."""
+    if arguments is None:
+        end_when_output_closes()
+    try:
+        given = _parser().parse_args(arguments)
+        return _run(given, shlex.join(["calibrate", *(sys.argv[1:] if arguments is None else arguments)]))
+    except (ValueError, OSError) as error:
+        sys.stderr.write(f"calibrate: error: {error}\n")
+        return _BAD_INPUT
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+
+
+if __name__ == "__main__":
+    sys.exit(main())

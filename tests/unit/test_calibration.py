@@ -1,0 +1,352 @@
+"""A fish learnt from swims: recovered where it is known, refused where the swims cannot be right."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from fin_optimizer.calibration import errors as judged
+from fin_optimizer.calibration.fish_file import fish_file, read_fish
+from fin_optimizer.calibration.fit import Fit, fit, refit
+from fin_optimizer.calibration.model import Tank, model_of
+from fin_optimizer.calibration.prediction import predict
+from fin_optimizer.calibration.recorded import read_folder, read_swim_of_bag
+from fin_optimizer.calibration.settings import GAIN_LEFT, Settings, read_settings
+from fin_optimizer.calibration.swims import Swim, SwimError, beat_frequency, read_csv, usable
+from fin_optimizer.commands import calibrate as calibrate_command
+from fin_optimizer.commands import predict as predict_command
+from fin_plant.paths import config_folder
+from fin_sim import swim_command
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+DATA = Path(__file__).parents[2] / "tests" / "data"
+SWIMS = DATA / "tail_actuated_fish_swims"
+CONFIG = config_folder("fin_optimizer")
+SETTINGS = read_settings(CONFIG / "calibrate_tail_actuated_fish.yaml")
+FITTED = CONFIG / "fitted_tail_actuated_fish.yaml"
+ONE = SWIMS / "amplitude30_bias+30_run1.csv"
+RANDOM = np.random.default_rng
+
+LEARNT = ("body.drag_area", "body.lift_area", "body.yaw_drag", GAIN_LEFT, "drive.bias_offset")
+FEW = replace(SETTINGS, fitted=tuple(each for each in SETTINGS.fitted if each.name in LEARNT), factor_spread=0.0)
+"""Five parameters, so that a fit takes a second."""
+
+
+def synthetic(
+    settings: Settings, coordinates: np.ndarray, random: np.random.Generator, seconds: float = 6.0
+) -> list[Swim]:
+    """Return nine swims of a known fish, with the noise of a tracker."""
+    biases = tuple(math.radians(each) for each in (-40.0, 0.0, 40.0))
+    tank = Tank(model_of(settings, coordinates, biases, (0.95,) * 3))
+    time = np.arange(0.0, seconds, 0.075)
+    swims = []
+    for amplitude in (15.0, 22.0, 30.0):
+        for bias in biases:
+            blank = np.zeros_like(time)
+            swim = Swim("", math.radians(amplitude), bias, 0.95, time, blank, blank, blank, blank)
+            start = np.array([0.02, 0.0, 0.0, random.uniform(-math.pi, math.pi)])
+            x, y, heading, surge, sway, rate = tank.swim(swim, start, time).T
+            clean = {"forward": surge, "lateral": sway, "yaw_rate": rate, "heading": heading}
+            noise = {"forward": 0.003, "lateral": 0.003, "yaw_rate": 0.05, "heading": 0.02}
+            noisy = {name: clean[name] + noise[name] * random.standard_normal(len(time)) for name in clean}
+            position = np.stack((x, y), axis=1) + 0.002 * random.standard_normal((len(time), 2))
+            name = f"{amplitude:g} degrees, bias {bias:.2f}"
+            swims.append(replace(swim, name=name, position=position, **noisy))
+    return swims
+
+
+def hidden(settings: Settings, random: np.random.Generator) -> np.ndarray:
+    """Return the coordinates of a fish as the prior has them."""
+    prior = np.array([each.coordinate(each.prior) for each in settings.fitted])
+    spread = np.array([each.spread for each in settings.fitted])
+    return np.asarray(prior + 0.4 * spread * np.clip(random.standard_normal(len(prior)), -2.0, 2.0))
+
+
+def distances(found: Fit, settings: Settings, truth: np.ndarray) -> np.ndarray:
+    """Return how many stated errors lie between what was found and what is true."""
+    rows = zip(settings.fitted, found.values, found.low, found.high, truth, strict=True)
+    return np.array(
+        [
+            (each.coordinate(value) - true) / (0.5 * (each.coordinate(high) - each.coordinate(low)))
+            for each, value, low, high, true in rows
+        ]
+    )
+
+
+def test_a_synthetic_fish_is_recovered_within_its_stated_errors() -> None:
+    random = RANDOM(5)
+    truth = hidden(FEW, random)
+    swims = synthetic(FEW, truth, random)
+    found = fit(swims, FEW, starts=1)
+    assert np.all(np.abs(distances(found, FEW, truth)) < 3.0)
+    drag = found.names.index("body.drag_area")
+    assert found.high[drag] / found.low[drag] < 1.5, "nine swims tell the drag area to a quarter"
+    predicted = [judged.errors(swim, predict(Tank(found.model), swim)) for swim in swims]
+    assert float(np.median([each.speed for each in predicted])) < 0.02
+
+
+@pytest.mark.long
+def test_stated_errors_cover_the_truth_of_fifty_synthetic_fish() -> None:
+    apart = []
+    for seed in range(50):
+        random = RANDOM(100 + seed)
+        truth = hidden(FEW, random)
+        apart.append(distances(fit(synthetic(FEW, truth, random), FEW, starts=1), FEW, truth))
+    within = [float(np.mean(np.abs(apart) < limit)) for limit in (1.0, 2.0)]
+    # 250 numbers: of right errors 68 and 95 % lie within one and two, give or take 5 and 3 %.
+    assert 0.55 < within[0] < 0.85, within
+    assert within[1] > 0.88, within
+
+
+def test_a_fish_that_was_fitted_survives_its_file(tmp_path: Path) -> None:
+    random = RANDOM(7)
+    truth = hidden(FEW, random)
+    swims = synthetic(FEW, truth, random)[::2]
+    found = fit(swims, FEW, starts=1)
+    path = tmp_path / "fitted.yaml"
+    path.write_text(fish_file(found, [swim.name for swim in swims], "calibrate"), encoding="utf-8")
+    read = read_fish(path)
+    assert read.own == pytest.approx(found.model.own, rel=1e-5)
+    assert read.knots.bias == pytest.approx(found.model.knots.bias, rel=1e-5)
+    assert read.fish["body.drag_area"] == pytest.approx(found.model.fish["body.drag_area"], rel=1e-5)
+    one, other = (predict(Tank(model), swims[0]).forward for model in (read, found.model))
+    assert one == pytest.approx(other, abs=1e-4)
+
+
+def test_a_refit_near_the_best_stays_there() -> None:
+    random = RANDOM(9)
+    swims = synthetic(FEW, hidden(FEW, random), random)[::2]
+    found = fit(swims, FEW, starts=1)
+    again = refit(swims, FEW, found)
+    assert again.cost == pytest.approx(found.cost, rel=1e-3)
+
+
+def test_what_is_fixed_is_not_fitted_and_what_cannot_be_told_is_said() -> None:
+    random = RANDOM(11)
+    swims = [
+        swim
+        for swim in synthetic(
+            SETTINGS.with_fixed({"drive.amplitude_factor": 1.0}),
+            np.array([each.coordinate(each.prior) for each in SETTINGS.fitted]),
+            random,
+        )
+        if not swim.turns
+    ]
+    settings = FEW.with_fixed({"body.drag_area": 1.2e-3})
+    found = fit(swims, settings, starts=1)
+    assert found.model.fish["body.drag_area"] == 1.2e-3
+    assert "body.drag_area" not in found.names
+    said = "\n".join(found.doubts)
+    assert f"{GAIN_LEFT} is hardly told by these swims" in said, "no swim turned"
+    assert "scale of all masses" in said
+
+
+def test_the_fitted_fish_of_the_tree_predicts_the_measured_swims() -> None:
+    tank = Tank(read_fish(FITTED))
+    swims = [swim for swim in read_folder(SWIMS) if round(math.degrees(swim.amplitude)) == 30]
+    told = [judged.errors(swim, predict(tank, swim)) for swim in swims]
+    assert float(np.median([each.speed for each in told])) < 0.06
+    assert float(np.median([each.turning_rate for each in told if each.turning_rate is not None])) < 0.10
+    assert float(np.median([each.position for each in told if each.position is not None])) < 0.012
+
+
+def test_the_fitted_fish_is_taken_by_the_simulator(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["--params-file", str(FITTED), "--amplitude", "25", "--frequency", "0.98", "--duration", "15", "--json"]
+    assert swim_command.main(arguments) == 0
+    assert 0.02 < json.loads(capsys.readouterr().out)["mean_speed"] < 0.1
+
+
+def test_predict_prints_what_programs_read(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    (tmp_path / ONE.name).write_bytes(ONE.read_bytes())
+    assert predict_command.main(["--fish", str(FITTED), "--swims", str(tmp_path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert list(told) == ["median", "p90", "swims"]
+    assert all(list(told[key]) == ["speed", "turning_rate", "position"] for key in ("median", "p90"))
+    assert told["swims"][0]["name"] == ONE.stem
+    assert told["median"]["speed"] == told["swims"][0]["speed"] < 0.2
+    assert predict_command.main(["--fish", str(FITTED), "--swims", str(tmp_path), "--given", "2"]) == 0
+    assert "first 2 s given" in capsys.readouterr().out
+
+
+def test_a_swim_without_bias_has_no_turning_error() -> None:
+    swim = read_csv(SWIMS / "amplitude30_bias+0_run1.csv")
+    assert judged.errors(swim, predict(Tank(read_fish(FITTED)), swim)).turning_rate is None
+
+
+def test_windows_of_the_errors_are_in_true_time() -> None:
+    swim = read_csv(ONE)
+    predicted = predict(Tank(read_fish(FITTED)), swim)
+    late = np.where(swim.time >= swim.time[-1] - 2.0, 0.9, 1.0)
+    position = np.array(swim.position, dtype=float)
+    right = replace(predicted, forward=swim.forward * late, heading=swim.heading, position=position)
+    told = judged.errors(swim, right)
+    assert told.speed == pytest.approx(0.1)
+    assert (told.turning_rate, told.position) == (0.0, 0.0)
+    at = int(np.argmin(np.abs(swim.time - 4.0)))
+    moved = position.copy()
+    moved[at] += (0.003, 0.004)
+    assert judged.errors(swim, replace(right, position=moved)).position == pytest.approx(0.005)
+
+
+def columns() -> list[list[str]]:
+    return [line.split(",") for line in ONE.read_text(encoding="utf-8").split()]
+
+
+def written(path: Path, change: Callable[[list[list[str]]], list[list[str]]]) -> Path:
+    file = path / ONE.name
+    file.write_text("\n".join(",".join(row) for row in change(columns())), encoding="utf-8")
+    return file
+
+
+def scaled(names: Sequence[str], factor: float) -> Callable[[list[list[str]]], list[list[str]]]:
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        places = [rows[0].index(name) for name in names]
+        for row in rows[1:]:
+            for place in places:
+                row[place] = repr(float(row[place]) * factor)
+        return rows
+
+    return change
+
+
+def without(name: str) -> Callable[[list[list[str]]], list[list[str]]]:
+    def change(rows: list[list[str]]) -> list[list[str]]:
+        place = rows[0].index(name)
+        return [row[:place] + row[place + 1 :] for row in rows]
+
+    return change
+
+
+DEGREES = 180.0 / math.pi
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (without("yaw_rate"), "no column yaw_rate"),
+        (without("y"), "one of the columns x and y"),
+        (lambda rows: rows[:40] + rows[50:], "no sample for"),
+        (lambda rows: rows[:40] + rows[39:], "t must rise"),
+        (lambda rows: rows[:50], "needed are 4.5 s"),
+        (lambda rows: [*rows[:9], [*rows[9][:2], "nan", *rows[9][3:]], *rows[10:]], "line 10: v_forward = 'nan'"),
+        (scaled(["heading"], DEGREES), "heading changes"),
+        (scaled(["yaw_rate"], DEGREES), "degrees/s"),
+        (scaled(["yaw_rate", "heading"], DEGREES), "are angles in degrees?"),
+        (scaled(["x", "y"], 1000.0), "are they in millimetres?"),
+        (scaled(["v_forward", "v_lateral"], 1000.0), "in mm/s?|in millimetres?"),
+        (scaled(["x", "y", "v_forward", "v_lateral"], 1000.0), "are lengths in millimetres?"),
+        (scaled(["t"], 1000.0), "in milliseconds"),
+        (scaled(["t"], 0.45), "time base is wrong by a factor of 2"),
+    ],
+)
+def test_what_cannot_be_is_named(
+    change: Callable[[list[list[str]]], list[list[str]]], said: str, tmp_path: Path
+) -> None:
+    written(tmp_path, change)
+    with pytest.raises(SwimError, match=said.replace("?", r"\?")) as caught:
+        usable(read_folder(tmp_path), SETTINGS.stated_frequency)
+    assert ONE.stem in str(caught.value)
+
+
+def test_the_published_clock_is_named_and_not_fitted_away(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def as_published(rows: list[list[str]]) -> list[list[str]]:
+        true, logged = rows[0].index("t"), rows[0].index("t_logged")
+        for row in rows[1:]:
+            row[true] = row[logged]
+        return rows
+
+    written(tmp_path, as_published)
+    out = tmp_path / "fitted.yaml"
+    assert calibrate_command.main(["--swims", str(tmp_path), "--out", str(out)]) == 2
+    assert "time base is wrong" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_too_few_swims_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path, lambda rows: rows)
+    assert calibrate_command.main(["--swims", str(tmp_path)]) == 2
+    assert "1 swim cannot tell a fish: needed are 3" in capsys.readouterr().err
+
+
+def test_a_folder_without_swims_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SwimError, match="holds no swims"):
+        read_folder(tmp_path)
+    (tmp_path / "swim.csv").write_text("t\n0\n", encoding="utf-8")
+    with pytest.raises(SwimError, match="rename it"):
+        read_folder(tmp_path)
+
+
+def test_a_swim_in_which_the_camera_lost_the_fish_is_left_out_and_said() -> None:
+    swim = read_csv(ONE)
+    lost = replace(swim, forward=np.where(swim.time > 3.0, -0.05, swim.forward))
+    kept, notes = usable([swim, lost], 1.0)
+    assert kept == [swim]
+    assert "lost the fish" in notes[0]
+
+
+PARAMETER = "parameters:\n  body.drag_area: "
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (PARAMETER + "{prior: 0.5, spread: 1.0, range: [1.0e-5, 0.1], scale: log}", "prior = 0.5 is outside"),
+        (PARAMETER + "{prior: 0.05, spread: 1.0, range: [0.1, 1.0e-5], scale: log}", "lower bound first"),
+        (PARAMETER + "{prior: 0.05, spread: 0.0, range: [1.0e-5, 0.1], scale: log}", "spread = 0"),
+        (PARAMETER + "{prior: 0.05, spread: 1.0, range: [0.0, 0.1], scale: log}", "use scale linear"),
+        (PARAMETER + "{prior: 0.05, spread: 1.0, range: [0.0, 0.1]}", "needs prior, range, scale, spread"),
+        ("parameters:\n  body.drag: {prior: 1.0, spread: 1.0, range: [0.0, 2.0], scale: linear}", "did you mean"),
+        ("parameters:\n  fin.segments: {prior: 1, spread: 1, range: [1, 2], scale: linear}", "cannot be fitted"),
+        ("fish: {}", "needs parameters"),
+        ("parameters: {}\nother: 1", "nothing else"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "settings.yaml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=said):
+        read_settings(path)
+
+
+@pytest.mark.parametrize("text", ["body.mass", "body.mass=heavy", "body.weight=1", "body.mass=-5"])
+def test_a_fixed_value_that_cannot_be_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert calibrate_command.main(["--swims", str(SWIMS), "--fix", text]) == 2
+    assert capsys.readouterr().err.startswith("calibrate: error:")
+
+
+def test_a_bag_of_a_trial_is_a_swim() -> None:
+    bag = min((DATA / "study_2026_11" / "bags").iterdir())
+    swim = read_swim_of_bag(bag)
+    assert swim.frequency == 0.9
+    assert math.degrees(swim.amplitude) == pytest.approx(15.0)
+    assert swim.fin["fin.young_modulus"] == pytest.approx(3292507153.95)
+    assert 0.04 < float(np.median(np.diff(swim.time))) < 0.06, "thinned to 20 Hz"
+    assert swim.position is not None
+    moved = np.diff(swim.position, axis=0)
+    along = moved[:, 0] * np.cos(swim.heading[1:]) + moved[:, 1] * np.sin(swim.heading[1:])
+    assert along.sum() == pytest.approx(np.trapezoid(swim.forward, swim.time), rel=0.05)
+    with pytest.raises(SwimError, match=r"needed are 4\.5 s"):
+        usable([swim], 0.0)
+
+
+def test_the_beat_is_found_at_uneven_intervals() -> None:
+    random = RANDOM(3)
+    time = np.cumsum(random.uniform(0.05, 0.12, 120))
+    rate = 0.1 * time + np.sin(2.0 * math.pi * 1.37 * time) + 0.3 * random.standard_normal(120)
+    assert beat_frequency(time, rate) == pytest.approx(1.37, abs=0.01)
+
+
+def test_pages_are_drawn(tmp_path: Path) -> None:
+    page = tmp_path / "page.png"
+    (tmp_path / ONE.name).write_bytes(ONE.read_bytes())
+    arguments = ["--fish", str(FITTED), "--swims", str(tmp_path), "--page", str(page)]
+    assert predict_command.main(arguments) == 0
+    assert page.stat().st_size > 10_000
