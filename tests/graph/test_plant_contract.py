@@ -16,6 +16,7 @@ from std_msgs.msg import Float64MultiArray
 
 from fin_plant import topics
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
+from fin_plant.frames import Frames
 from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_from_message, gait_message, nanoseconds_of
 from fin_plant.plant_state import EMERGENCY, RELEASE, State
@@ -436,3 +437,26 @@ def test_one_button_stops_every_plant_and_only_its_release_leads_on(plant: Plant
     client.wait_for_state(State.READY)
     assert client.emergency_stop(on=False).success
     client.wait_for_state(State.READY)
+
+
+def test_every_plant_describes_its_fish_and_shows_it_anew_with_each_fin(plant: Plant) -> None:
+    _, client = plant
+    client.put_back()
+    heard = [client.listen(topic) for topic in (topics.ROBOT_DESCRIPTION, topics.MARKERS, topics.PATH)]
+    descriptions, markers, paths = heard
+    client.wait_until(lambda: all(heard), "description, markers and path")
+    frames = Frames.from_urdf(descriptions[-1].data)
+    assert [joint.name for joint in frames.joints] == client.received(topics.JOINT_STATES)[-1].name
+    client.wait_until(lambda: len(markers[-1].markers) == 2 + len(frames.joints), "floor, body and links")
+    pose = client.received(topics.POSE)[-1].pose.position
+    client.wait_until(lambda: abs(markers[-1].markers[1].pose.position.x - pose.x) < 0.05, "the body at its place")
+    assert markers[-1].markers[1].header.frame_id == paths[-1].header.frame_id == "tank"
+    assert paths[-1].poses
+    assert client.set_parameters({"fin.length": 0.05}).successful
+    client.settle()
+    client.wait_until(lambda: length_of(descriptions[-1].data) == pytest.approx(0.05), "the new fin's description")
+
+
+def length_of(text: str) -> float:
+    """Return the length in m of the fin that is described, which may be of several links."""
+    return sum(joint.size[0] for joint in Frames.from_urdf(text).joints)

@@ -104,6 +104,12 @@ class PlantTester:
         self.wait_until(lambda: self._arrivals[topic.name], f"message on {topic.name}")
         return [message for _, message in self._arrivals[topic.name]]
 
+    def listen(self, topic: topics.Topic[Any]) -> list[Any]:
+        """Listen to another topic from now on; return the list that its messages are put into."""
+        heard: list[Any] = []
+        self._node.create_subscription(topic.type, topic.name, heard.append, topic.qos)
+        return heard
+
     def state(self) -> PlantState | None:
         """Return the newest plant_state."""
         arrived = self._arrivals[topics.PLANT_STATE.name]

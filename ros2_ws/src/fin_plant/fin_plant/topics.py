@@ -10,10 +10,11 @@ from typing import Any, Generic, TypeVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from nav_msgs.msg import Path
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64, Float64MultiArray
+from std_msgs.msg import Float64, Float64MultiArray, String
 from visualization_msgs.msg import MarkerArray
 
 NAMESPACE = "/fish"
@@ -53,6 +54,8 @@ class Topic(Generic[MessageT]):
 
     def name_in(self, namespace: str) -> str:
         """Return the name in a fish's namespace, for example ``/fish/gait``; in an empty one it stays relative."""
+        if self.name.startswith("/"):
+            return self.name
         return f"{namespace.rstrip('/')}/{self.name}" if namespace else self.name
 
 
@@ -63,7 +66,9 @@ POSE = Topic("pose", PoseStamped, STREAM, "pose of base_link in tank")
 VELOCITY = Topic("velocity", TwistStamped, STREAM, "velocity of base_link in base_link")
 THRUST = Topic("thrust", WrenchStamped, STREAM, "force of the water on the tail, in base_link")
 PLANT_STATE = Topic("plant_state", DiagnosticStatus, LATCHED, "READY, WAITING_FOR_..., SWIMMING or FAULT, and the fin")
-MARKERS = Topic("markers", MarkerArray, LATEST, "body and fin for RViz or Foxglove")
+MARKERS = Topic("markers", MarkerArray, LATEST, "body, fin and floor as shapes in tank")
+ROBOT_DESCRIPTION = Topic("robot_description", String, LATCHED, "URDF of the fish with its fin, anew with each fin")
+PATH = Topic("path", Path, LATEST, "where base_link has been since the swim began, in tank")
 CANDIDATE = Topic("candidate", DiagnosticStatus, LATCHED, "the trial under way")
 SCORE = Topic("score", Float64, STREAM, "score of each trial that ended OK")
 PROGRESS = Topic("progress", DiagnosticStatus, LATCHED, "the study so far")
@@ -78,7 +83,9 @@ ALL_TOPICS: tuple[Topic[Any], ...] = (
     VELOCITY,
     THRUST,
     PLANT_STATE,
+    ROBOT_DESCRIPTION,
     MARKERS,
+    PATH,
     CANDIDATE,
     SCORE,
     PROGRESS,
@@ -94,8 +101,13 @@ RECORDED_TOPICS: tuple[Topic[Any], ...] = (
     THRUST,
     PLANT_STATE,
     CANDIDATE,
+    ROBOT_DESCRIPTION,
+    DIAGNOSTICS,
 )
-"""What the bag of a trial holds."""
+"""What the bag of a trial holds of what was said; frames, shapes and path are computed into it from these."""
+TF = "/tf"
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+"""Transforms from tank to each link. Its package is not among the wheels of ROS 2: see `fin_plant.model_topics`."""
 
 SET_PARAMETERS_SERVICE = "set_parameters_atomically"
 REQUEST_RESET_SERVICE = "request_reset"

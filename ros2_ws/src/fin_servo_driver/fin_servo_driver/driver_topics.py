@@ -10,9 +10,11 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState
 
 from fin_plant import topics
-from fin_plant.fin import FIN_PARAMETERS
+from fin_plant.fin import FIN_PARAMETERS, Fin
+from fin_plant.fish_model import BodyShape, robot_links, urdf
 from fin_plant.gait import Gait
 from fin_plant.messages import as_text, gait_message, key_values, plant_state_message, time_message
+from fin_plant.model_topics import DescriptionTopic
 from fin_plant.plant_state import LIMITS, PlantState, State, joint_details
 from fin_servo_driver.diagnosis import describe
 from fin_servo_driver.robot_states import Waiting
@@ -53,6 +55,7 @@ class DriverTopics:
         self._joint_states, self._state, self._gait_applied, self._diagnostics = (
             node.create_publisher(topic.type, topic.name, topic.qos) for topic in offered
         )
+        self._description = DescriptionTopic(node)
         self.applied = Gait.from_rows([[0.0, 0.0, 0.0, 0.0]])
         self._stamp = 0
         self._told: tuple[object, ...] = ()
@@ -84,6 +87,8 @@ class DriverTopics:
         begun = states.swimming_since if standing.state is State.SWIMMING else None
         if begun is None or begun != self._stamp:
             self._stamp = max(self._stamp + 1, begun or time.time_ns())
+        fin = Fin.from_parameters(states.mounted or {name: values[name] for name in FIN_PARAMETERS})
+        self._description.tell(urdf(BodyShape(), robot_links(fin, max(1, len(limits)))))
         details = {"waiting_for": standing.waiting.value if standing.waiting else ""}
         details |= {name: as_text(values[name]) for name in LIMITS}
         details |= joint_details(limits) if limits else {}

@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, TwistStamped
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState  # noqa: TC002  (likewise)
+from std_msgs.msg import String  # noqa: TC002  (rclpy reads the annotation's class at run time)
 
 from fin_plant import node_process, topics
 from fin_plant.discovery import ends_of, look_around, nothing_on, wanted
 from fin_plant.fin import node_table
+from fin_plant.frames import Pose
 from fin_plant.messages import key_values, nanoseconds_of, plant_state_from_message, time_message
+from fin_plant.model_topics import ModelTopics
 from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.plant_state import State
 from fin_servo_driver.pose_checks import Limits, Refusal, heading_of
@@ -22,6 +26,8 @@ from fin_servo_driver.velocity_estimate import Settings, VelocityEstimator
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from rclpy.subscription import Subscription
 
     from fin_plant.parameters import Value
     from fin_servo_driver.velocity_estimate import Velocity
@@ -60,6 +66,7 @@ class VelocityEstimatorNode:
         self._estimator = VelocityEstimator(settings_of(values))
         self._poses = self._published = 0
         self._trackers: list[str] = []
+        self._swim = 0
         self._velocities = self.node.create_publisher(topics.VELOCITY.type, topics.VELOCITY.name, topics.VELOCITY.qos)
         self._diagnostics = self.node.create_publisher(
             topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, topics.DIAGNOSTICS.qos
@@ -67,6 +74,15 @@ class VelocityEstimatorNode:
         self.node.create_subscription(topics.POSE.type, topics.POSE.name, self._on_pose, _ANY_TRACKER)
         self.node.create_subscription(
             topics.PLANT_STATE.type, topics.PLANT_STATE.name, self._on_plant_state, topics.PLANT_STATE.qos
+        )
+        self._model = ModelTopics(self.node)
+        self._joints: dict[str, float] = {}
+        self._joint_states: Subscription | None = None
+        self.node.create_subscription(
+            topics.ROBOT_DESCRIPTION.type,
+            topics.ROBOT_DESCRIPTION.name,
+            self._on_description,
+            topics.ROBOT_DESCRIPTION.qos,
         )
         self.node.create_timer(1.0, self._publish_diagnostics)
         settings = self._estimator.settings
@@ -78,7 +94,30 @@ class VelocityEstimatorNode:
         except ValueError as error:
             self.node.get_logger().error(str(error))
             return
+        if plant.state is State.SWIMMING and plant.stamp != self._swim:
+            self._swim = plant.stamp
+            self._model.restart()
         self._estimator.plant_says(swims=plant.state is State.SWIMMING, since=plant.stamp)
+
+    def _on_description(self, message: String) -> None:
+        try:
+            self._model.take_description(message.data)
+        except ValueError as error:
+            self.node.get_logger().error(str(error))
+
+    def _on_joint_states(self, message: JointState) -> None:
+        self._joints = dict(zip(message.name, message.position, strict=False))
+
+    def _listen_to_joints(self) -> None:
+        """Hear the joints' angles, a hundred a second, only while somebody looks at what comes of them."""
+        topic = topics.JOINT_STATES
+        if self._model.heard and self._joint_states is None:
+            self._joint_states = self.node.create_subscription(
+                topic.type, topic.name, self._on_joint_states, _ANY_TRACKER
+            )
+        elif not self._model.heard and self._joint_states is not None:
+            self.node.destroy_subscription(self._joint_states)
+            self._joint_states, self._joints = None, {}
 
     def _on_pose(self, message: PoseStamped) -> None:
         self._poses += 1
@@ -104,7 +143,9 @@ class VelocityEstimatorNode:
         if isinstance(heading, Refusal):
             self._estimator.refuse(heading)
             return None
-        stamp, now = nanoseconds_of(message.header.stamp), self.node.get_clock().now().nanoseconds
+        stamp = nanoseconds_of(message.header.stamp)
+        self._model.tell(stamp, Pose(place.x, place.y, place.z, heading), self._joints)
+        now = self.node.get_clock().now().nanoseconds
         return self._estimator.add(stamp, place.x, place.y, heading, now=now, frame=message.header.frame_id)
 
     def step(self) -> float:
@@ -120,6 +161,7 @@ class VelocityEstimatorNode:
 
     def _publish_diagnostics(self) -> None:
         estimator = self._estimator
+        self._listen_to_joints()
         self._trackers = self._publishers()
         text = self._trouble()
         estimator.impossible = ""

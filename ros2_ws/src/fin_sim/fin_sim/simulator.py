@@ -17,6 +17,7 @@ from std_srvs.srv import SetBool, Trigger
 from fin_plant import node_process, topics, validity
 from fin_plant.discovery import ends_of, no_fresh_gait
 from fin_plant.fin import Fin, node_table
+from fin_plant.frames import Pose
 from fin_plant.gait import Gait, GaitFollower
 from fin_plant.messages import (
     as_text,
@@ -26,6 +27,7 @@ from fin_plant.messages import (
     plant_state_message,
     time_message,
 )
+from fin_plant.model_topics import DescriptionTopic, ModelTopics
 from fin_plant.node_parameters import NodeParameters, create_node
 from fin_plant.plant_state import (
     DRIVEN_JOINTS,
@@ -40,7 +42,7 @@ from fin_plant.plant_state import (
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
-from fin_sim.markers import fish_markers
+from fin_sim.fish_shape import description
 from fin_sim.pace import Pace
 from fin_sim.servo import Servo, TailDrive
 from fin_sim.stream_messages import STREAMS, StreamMessages
@@ -55,7 +57,6 @@ if TYPE_CHECKING:
 PARAMETERS = node_table("fin_sim", "simulator")
 # Each one quarters the step.
 _MOST_REFINEMENTS = 2
-_MARKERS_PER_SECOND = 10.0
 _CLOCK_PER_SECOND = 100.0
 # Samples that may be on their way to the slowest listener; the publishers' queues hold twice as many.
 _LARGEST_BACKLOG = topics.STREAM.depth // 2
@@ -134,7 +135,8 @@ class Simulator:
         node = self.node
         self._streams = [node.create_publisher(topic.type, topic.name, topic.qos) for topic in STREAMS]
         self._messages = StreamMessages(self._stepper.chain)  # which names the joints, and tells the current
-        self._markers = node.create_publisher(topics.MARKERS.type, topics.MARKERS.name, topics.MARKERS.qos)
+        self._model, self._description = ModelTopics(node), DescriptionTopic(node)
+        self._describe()
         self._state_topic = node.create_publisher(
             topics.PLANT_STATE.type, topics.PLANT_STATE.name, topics.PLANT_STATE.qos
         )
@@ -145,7 +147,7 @@ class Simulator:
             topics.DIAGNOSTICS.type, topics.DIAGNOSTICS.name, topics.DIAGNOSTICS.qos
         )
         self._clock = node.create_publisher(topics.CLOCK.type, topics.CLOCK.name, topics.CLOCK.qos)
-        self._last_clock = self._last_markers = -math.inf
+        self._last_clock = -math.inf
         self._swum = self._largest_hinge_angle = 0.0
         self._rejected = 0
         self._rejection = ""
@@ -211,6 +213,7 @@ class Simulator:
             self._fish_state = self._stepper.start()  # another number of hinges: they start straight
             self._fish_state[: dynamics.BODY_STATES] = body
         self._messages = StreamMessages(self._stepper.chain)
+        self._describe()
         if sum(self._stepper.chain.driven) != self._follower.joints:
             self._neutral()
         self._follower.set_ramp_time(self._number("drive.ramp_time"))
@@ -365,7 +368,7 @@ class Simulator:
                 publisher.publish(message)
         self._backlog += len(stamps)
         self._publish_clock()
-        self._publish_markers(states[-1])
+        self._show(states[-1])
         if self._state is State.SWIMMING:
             self._swum += len(stamps) * self._sample_time
 
@@ -376,12 +379,16 @@ class Simulator:
             self._last_clock = now
             self._clock.publish(Clock(clock=time_message(self._pace.stamp)))
 
-    def _publish_markers(self, state: NDArray[np.float64]) -> None:
-        now = time.monotonic()
-        if now - self._last_markers < 1.0 / _MARKERS_PER_SECOND or not self._markers.get_subscription_count():
-            return
-        self._last_markers = now
-        self._markers.publish(fish_markers(self._stepper.chain, self._values, state, time_message(self._pace.stamp)))
+    def _describe(self) -> None:
+        """Tell how the fish looks, with its present fin."""
+        text = description(self._stepper.chain, self._values)
+        self._model.take_description(text)
+        self._description.tell(text)
+
+    def _show(self, state: NDArray[np.float64]) -> None:
+        pose = Pose(float(state[dynamics.X]), float(state[dynamics.Y]), 0.0, float(state[dynamics.HEADING]))
+        angles = state[dynamics.BODY_STATES : dynamics.BODY_STATES + len(self._messages.joints)]
+        self._model.tell(self._pace.stamp, pose, dict(zip(self._messages.joints, angles.tolist(), strict=True)))
 
     def _wait_for_listeners(self) -> None:
         """Hold the fish back while a reliable listener has more than the largest backlog before it.

@@ -10,7 +10,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 
 from fin_plant import topics
-from fin_plant.validity import HINGE
+from fin_plant.fish_model import joint_names
 from fin_sim import dynamics
 from fin_sim.message_template import MessageTemplate
 
@@ -25,12 +25,16 @@ STREAMS = (topics.JOINT_STATES, topics.POSE, topics.VELOCITY, topics.THRUST)
 
 
 class StreamMessages:
-    """Makes the messages of `STREAMS` from what the kernel computed, many samples at once."""
+    """Makes the messages of `STREAMS` from what the kernel computed, many samples at once.
+
+    Attributes:
+        joints: Names of the joints, from the head to the tail.
+    """
 
     def __init__(self, chain: Chain) -> None:
         """Learn the layout; the joints have the names of this chain's tail and hinges."""
-        tail = [f"tail_joint_{number + 1}" for number in range(sum(chain.driven))]
-        names = tail + [f"{HINGE}{number + 1}" for number in range(len(chain.links) - len(tail))]
+        names = joint_names(chain.driven)
+        self.joints = names
         self._water = chain.water
         self._templates = (
             MessageTemplate(partial(_joint_state, names), 3 * len(names)),

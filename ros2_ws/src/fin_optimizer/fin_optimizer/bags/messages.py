@@ -68,6 +68,11 @@ def has_header(type_name: str) -> bool:
     return bool(fields) and fields[0][1][1] == _HEADER_TYPE
 
 
+def tells_plants_time(type_name: str) -> bool:
+    """Return whether messages of that type have a header with the plant's time; health is stamped by each node."""
+    return has_header(type_name) and type_name != HEALTH_TYPE
+
+
 def header_stamp(data: bytes) -> int:
     """Return the header stamp in ns of a serialised message that starts with a std_msgs/Header.
 
@@ -115,6 +120,7 @@ def velocity_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDAr
 
 
 VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
+HEALTH_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 _HEADER_TYPE = "std_msgs/msg/Header"
 _STAMP_END = 12  # bytes: 4 of CDR encapsulation, 4 of seconds, 4 of nanoseconds
 _LAST_SECOND = 2**31 - 1  # that a ROS time holds

@@ -6,7 +6,8 @@ on the disk. What describes the trial (design, seed, versions) stands at the sta
 kill cannot take it away, and in the ``custom_data`` of ``metadata.yaml``.
 
 A message is logged at its own header stamp, and one without a header, or whose stamp cannot be believed, at the newest
-stamp that the plant had reached; the latter are counted. So a swim that ran fifty times faster than real time is played
+stamp that the plant had reached; the latter are counted. Messages stand in the file in the order of these times.
+So a swim that ran fifty times faster than real time is played
 back at the fish's own pace, and a sender whose clock is not set makes no bag of 56 years.
 """
 
@@ -15,7 +16,9 @@ from __future__ import annotations
 import fcntl
 import os
 import time
+from collections import deque
 from contextlib import contextmanager, suppress
+from heapq import heapify, heappop, heapreplace
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Self
 
@@ -23,20 +26,22 @@ from mcap.writer import CompressionType, Writer
 
 from fin_optimizer.bags.disk_space import shortage
 from fin_optimizer.bags.log_time import LogTime
-from fin_optimizer.bags.messages import BagError, definition, has_header, header_stamp, is_known, type_hash
+from fin_optimizer.bags.messages import BagError, definition, header_stamp, is_known, tells_plants_time, type_hash
 from fin_optimizer.bags.metadata import UNUSABLE_STAMPS, BagSummary, BagTopic, as_yaml, bag_information, qos_text
 from fin_optimizer.checksums import CHECK_SUM, sum_of_texts
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
     from typing import IO
 
 
 CHUNK_SIZE = 32 * 1024
 """Bytes of a chunk before compression: about 0.4 s of a swim in real time."""
-FLUSH_PERIOD = 0.5
+FLUSH_PERIOD = 0.375
 """s of wall time between two flushes: on a busy machine too, a kill or a power cut takes away less than 1 s."""
+LONGEST_WAIT = 0.2
+"""s of wall time that a message waits for earlier ones of other topics, at most, before a flush writes it."""
 TRIAL_RECORD = "trial"
 """Name of the MCAP metadata record that describes the trial."""
 TRIAL_SUM = "trial_check_sum"
@@ -76,6 +81,8 @@ class BagWriter:
         file_name: Of its MCAP file; as rosbag2 names it if left out.
         clock: Time in s, by which it is flushed.
         wall_clock: Time in ns since the epoch, for a bag in which no message tells any.
+        derived: Gives topic and bytes of the messages that a message leads to, by its topic, log time and bytes; they
+            are written behind it.
 
     Raises:
         BagError: The folder exists, cannot be made, a message type is not known, or the disk is too full.
@@ -92,7 +99,9 @@ class BagWriter:
         file_name: str = "",
         clock: Callable[[], float] = time.monotonic,
         wall_clock: Callable[[], int] = time.time_ns,
+        derived: Callable[[str, int, bytes], Iterable[tuple[str, bytes]]] | None = None,
     ) -> None:
+        self._derived = derived
         self._clock, self._wall_clock = clock, wall_clock
         self.path = path
         self._file_name = file_name or f"{path.name}_0.mcap"
@@ -101,6 +110,8 @@ class BagWriter:
         self._metadata = dict(metadata)
         self._time = LogTime(newest_stamp_ns)
         self._held: list[tuple[str, bytes]] = []
+        self._waiting: dict[str, deque[tuple[int, bytes, float]]] = {topic.name: deque() for topic in topics}
+        self._streams: set[str] = set()
         self._summary: BagSummary | None = None
         self._failure: str | None = None
         self._counts = dict.fromkeys(self._topics, 0)
@@ -126,7 +137,7 @@ class BagWriter:
         if not is_known(topic.type_name):
             msg = f"topic {topic.name} has the type {topic.type_name}, which ROS 2 Jazzy does not define"
             raise BagError(msg)
-        return has_header(topic.type_name)
+        return tells_plants_time(topic.type_name)
 
     def _check_free(self) -> None:
         if self._failure is None and (missing := shortage(self.path, self._minimum_free)):
@@ -174,13 +185,17 @@ class BagWriter:
         if self._summary is not None:
             msg = f"bag {self.path} is closed: {topic} came too late"
             raise BagError(msg)
-        stamp = self._time.of(topic, header_stamp(data) if self._with_header[topic] else None)
+        if self._failure is not None:
+            raise BagError(self._failure)
+        with_header = self._with_header[topic]
+        stamp = self._time.of(topic, header_stamp(data) if with_header else None)
         if stamp is None:
             self._held.append((topic, data))
             return
-        with self._failing("write"):
-            self._write_held(stamp)
-            self._add(topic, data, stamp)
+        self._release_held(stamp)
+        self._wait(topic, data, stamp)
+        if with_header:
+            self._streams.add(topic)
         self.flush_if_due()
 
     def copy(self, topic: str, data: bytes, log_time_ns: int) -> None:
@@ -192,17 +207,49 @@ class BagWriter:
         with self._failing("write"):
             self._add(topic, data, log_time_ns)
 
-    def _write_held(self, stamp: int) -> None:
-        """Write the messages without a header that came before the plant's time was known."""
+    def _release_held(self, stamp: int) -> None:
+        """Let the messages without a header wait their turn that came before the plant's time was known."""
         held, self._held = self._held, []
         for topic, data in held:
+            self._wait(topic, data, stamp)
+
+    def _wait(self, topic: str, data: bytes, stamp: int) -> None:
+        self._waiting[topic].append((stamp, data, self._clock()))
+
+    def _merge(self, *, whole: bool) -> None:
+        """Write what waits in the order of time, each topic in its own order.
+
+        Streams come in slices, one behind the other. Unless the whole is asked for, a message waits for the streams
+        that may still bring an earlier one, but no longer than `LONGEST_WAIT`.
+        """
+        queues = self._waiting
+        rank = {topic: number for number, topic in enumerate(queues)}
+        heads = [(queue[0][0], rank[topic], topic) for topic, queue in queues.items() if queue]
+        heapify(heads)
+        lacking = {topic for topic in self._streams if not queues[topic]}
+        oldest = self._clock() - LONGEST_WAIT
+        while heads:
+            stamp, number, topic = heads[0]
+            queue = queues[topic]
+            if lacking and not whole and queue[0][2] > oldest:
+                return
+            _, data, _ = queue.popleft()
             self._add(topic, data, stamp)
+            if queue:
+                heapreplace(heads, (queue[0][0], number, topic))
+            else:
+                heappop(heads)
+                lacking |= {topic} & self._streams
 
     def _add(self, topic: str, data: bytes, stamp: int) -> None:
         self._earliest = stamp if self._earliest is None else min(stamp, self._earliest)
         self._latest = max(stamp, self._latest)
         self._mcap.add_message(self._channels[topic], stamp, data, stamp, self._counts[topic])
         self._counts[topic] += 1
+        if self._derived is not None:
+            for name, message in self._derived(topic, stamp, data):
+                self._mcap.add_message(self._channels[name], stamp, message, stamp, self._counts[name])
+                self._counts[name] += 1
 
     def flush_if_due(self) -> None:
         """Put everything on the disk if FLUSH_PERIOD has passed since the last time.
@@ -211,7 +258,7 @@ class BagWriter:
             BagError: The disk refuses.
         """
         if self._clock() - self._flushed_at >= FLUSH_PERIOD:
-            self.flush()
+            self._flush(whole=False)
 
     def flush(self) -> None:
         """Put everything written so far on the disk, as a whole chunk.
@@ -219,8 +266,12 @@ class BagWriter:
         Raises:
             BagError: The disk refuses.
         """
+        self._flush(whole=True)
+
+    def _flush(self, *, whole: bool) -> None:
         self._check_free()
         with self._failing("write"):
+            self._merge(whole=whole)
             self._to_disk()
 
     def _to_disk(self) -> None:
@@ -246,7 +297,8 @@ class BagWriter:
     def _finish(self) -> BagSummary:
         """Write what is still to write and return what the bag holds."""
         # Without any stamp the bag's own moment is the best that is known.
-        self._write_held(self._wall_clock() if self._time.newest is None else self._time.newest)
+        self._release_held(self._wall_clock() if self._time.newest is None else self._time.newest)
+        self._merge(whole=True)
         start = self._latest if self._earliest is None else self._earliest
         duration, stamps = self._latest - start, self._time
         summary = BagSummary(

@@ -19,14 +19,16 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.type_support import check_is_valid_msg_type
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
-from fin_optimizer.bags.messages import BagError, decode, has_header, header_stamp, velocity_samples
+from fin_optimizer.bags.messages import BagError, decode, header_stamp, tells_plants_time, velocity_samples
 from fin_optimizer.bags.metadata import BagSummary, BagTopic
+from fin_optimizer.bags.model_messages import ModelMessages
 from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.score.mean_speed import LONGEST_GAP, ScoreError
 from fin_optimizer.score.swim import SwimRecord, start_of_swim
 from fin_plant.discovery import ends_of, request, wanted
+from fin_plant.frames import frame_prefix
 from fin_plant.stamps import NANOSECONDS
-from fin_plant.topics import EVERY_MESSAGE, JOINT_STATES, PLANT_STATE, POSE, RECORDED_TOPICS, VELOCITY, Topic
+from fin_plant.topics import EVERY_MESSAGE, JOINT_STATES, NAMESPACE, PLANT_STATE, POSE, RECORDED_TOPICS, VELOCITY, Topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -86,6 +88,7 @@ class Recorder:
     ) -> None:
         self._clock, self._wall_clock = clock, wall_clock
         self._minimum_free = minimum_free
+        self._namespace = namespace or node.get_namespace()
         self._queue: deque[tuple[str, bytes]] = deque()
         self._extent = Extent()
         self._subscriptions = {
@@ -167,10 +170,12 @@ class Recorder:
             BagTopic(subscription.name, subscription.topic.type_name, _bag_qos(subscription.offered))
             for subscription in subscriptions
         ]
+        model = ModelMessages(self._namespace, frame_prefix(self._namespace, NAMESPACE))
         writer = BagWriter(
             path,
-            topics,
+            [*topics, *model.topics],
             metadata,
+            derived=model.take,
             newest_stamp_ns=self._plants_time(),
             minimum_free=self._minimum_free,
             clock=self._clock,
@@ -308,7 +313,7 @@ class _Subscription:
         self._node = node
         self.topic = topic
         self._asked = request((), wanted(topic))
-        self.with_header = has_header(topic.type_name)
+        self.with_header = tells_plants_time(topic.type_name)
         self.received = 0
         self.last: bytes | None = None
         self.kept: list[bytes] = []
