@@ -111,7 +111,7 @@ def test_a_played_bag_gives_a_listener_every_message_and_the_same_score(
     assert "left out: /fish/gait; --topics plays what it names" in player.output()
     listening.recorder.close()
     live, recorded = score_bag(swim)
-    begun = start_of_swim(recorded_swim(recorded, {}, with_cost=False).states, recorded.metadata)
+    begun = start_of_swim(recorded_swim(recorded, {}).states, recorded.metadata)
     window = Measurement.from_metadata(recorded.metadata).window(begun)
     assert score(*listening.recorder.velocity_samples(), window) == live
     assert score_bag(tmp_path / "again")[0] == live

@@ -14,9 +14,8 @@ from fin_optimizer.score.recorded import achieved, score_bag
 from fin_optimizer.study.candidate import candidates, front
 from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.records import read_trials
-from fin_optimizer.study.settings import Objective
 from fin_optimizer.trial.result import Outcome
-from fin_optimizer.words import ENERGY_PER_METRE
+from fin_plant.checks import counted
 from fin_plant.messages import gait_message
 from fin_plant.plant_state import State
 from support.plant_tester import PlantTester
@@ -172,8 +171,10 @@ def test_two_objectives_are_measured_in_the_simulator_and_again_from_the_bag(sta
     assert study.wait(60) == 0
     trials = read_trials(folder)
     assert [trial.outcome for trial in trials] == [Outcome.OK] * 3
-    again = [achieved(read_bag(folder / trial.bag))[ENERGY_PER_METRE] for trial in trials]
-    assert again == [trial.cost for trial in trials]
-    assert read_settings(folder).objective is Objective.SPEED_AND_COST
-    assert f"Pareto front of speed and energy per metre ({len(front(candidates(trials)))} fins)" in study.output()
+    again = [achieved(read_bag(folder / trial.bag))["energy per metre [J/m]"] for trial in trials]
+    assert again == [trial.measured["energy_per_metre"] for trial in trials]
+    goals = read_settings(folder).goals
+    assert goals.objective == "speed_and_cost_of_transport"
+    found = counted(len(front(candidates(trials, goals))), "fin")
+    assert f"Pareto front of speed and energy per metre ({found})" in study.output()
     assert (folder / "pareto_front.png").read_bytes().startswith(b"\x89PNG")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from fin_optimizer.study.candidate import Candidate, TrialRecord, candidates, fastest, front, is_for_another, rank
+from fin_optimizer.goals import Goals
+from fin_optimizer.study.candidate import Candidate, TrialRecord, best_of, candidates, front, is_for_another, rank
 from fin_optimizer.study.settings import Policy
 from fin_optimizer.trial.result import Outcome
 
@@ -22,8 +25,8 @@ OUTCOMES = {
 def trial(
     number: int, outcome: Outcome, score: float | None = None, candidate: int = 0, plant: str = ""
 ) -> TrialRecord:
-    cost = None if score is None else 10.0 * score
-    return TrialRecord(number, candidate, {}, outcome, "", score, None, cost, 0, plant, "", None, None)
+    measured = {} if score is None else {"mean_speed": score, "energy_per_metre": 10.0 * score}
+    return TrialRecord(number, candidate, {}, outcome, "", measured, None, 0, plant, "", None, None)
 
 
 def with_outcomes(letters: str) -> Candidate:
@@ -37,11 +40,12 @@ def with_scores(*scores: float | None, number: int = 0) -> Candidate:
 def test_a_candidates_score_and_spread_are_those_of_its_ok_trials() -> None:
     """Of 1, 2 and 6 the mean is 3, the squares of the differences are 4 + 1 + 9 = 14, and 14 / 2 = 7."""
     candidate = with_scores(1.0, None, 2.0, 6.0)
-    assert (candidate.score, candidate.cost) == (3.0, 30.0)
+    assert candidate.score == 3.0
+    assert candidate.measured == {"mean_speed": 3.0, "energy_per_metre": 30.0}
     assert candidate.spread == pytest.approx(7.0**0.5, rel=1e-15)
     assert with_scores(1.0, 3.0).spread == pytest.approx(2.0**0.5, rel=1e-15)
     assert with_scores(1.0, None).spread is None
-    assert (with_scores().score, with_scores().cost, with_scores().spread) == (None, None, None)
+    assert (with_scores().score, with_scores().measured, with_scores().spread) == (None, {}, None)
 
 
 @pytest.mark.parametrize("letters", ["", "O", "R", "P", "F", "I", "III", "OF", "OI", "FR"])
@@ -72,12 +76,12 @@ def test_a_candidate_goes_to_a_fish_on_which_it_has_not_failed() -> None:
     assert not is_for_another(tried, "/a", ["/a", "/b"])
 
 
-def test_trials_are_put_together_by_candidate_and_the_first_of_equals_is_the_fastest() -> None:
+def test_trials_are_put_together_by_candidate_and_the_first_of_equals_is_the_best_of() -> None:
     mixed = [trial(0, Outcome.OK, 1.0, 1), trial(1, Outcome.OK, 3.0), trial(2, Outcome.OK, 5.0, 1)]
     found = candidates(mixed)
     assert [(each.number, [one.number for one in each.trials]) for each in found] == [(0, [1]), (1, [0, 2])]
-    assert fastest(found) is found[0]
-    assert fastest([with_scores(None)]) is None
+    assert best_of(found) is found[0]
+    assert best_of([with_scores(None)]) is None
 
 
 def test_candidates_are_ranked_by_speed_then_by_number_and_those_without_a_score_come_last() -> None:
@@ -87,5 +91,6 @@ def test_candidates_are_ranked_by_speed_then_by_number_and_those_without_a_score
 
 def test_the_front_is_shown_from_the_fastest_on() -> None:
     """A trial's energy is ten times its speed here, so that none is better than another in both."""
-    tried = [with_scores(score, number=n) for n, score in enumerate((1.0, 3.0, None, 2.0))]
+    goals = Goals.of_objective("speed_and_cost_of_transport")
+    tried = [replace(with_scores(score, number=n), goals=goals) for n, score in enumerate((1.0, 3.0, None, 2.0))]
     assert [each.number for each in front(tried)] == [1, 3, 0]

@@ -33,11 +33,11 @@ MODULUS, LENGTH = "fin.young_modulus", "fin.length"
 SPACE = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"), Dimension(LENGTH, 0.05, 0.12, "m")))
 SETTINGS = Settings(SPACE, Policy(repeats=1, attempts=2), {"seed": 1, "gait.frequency": 0.9})
 RESULTS = [
-    Result(Outcome.OK, score=0.0213, spread=0.001, samples=1000),
+    Result(Outcome.OK, measured={"mean_speed": 0.0213}, spread=0.001, samples=1000),
     Result(Outcome.FAILED, "no velocity for 1 s"),
     Result(Outcome.INFEASIBLE, "thicker than long"),
-    Result(Outcome.OK, score=0.0187, spread=0.002, samples=999),
-    Result(Outcome.OK, score=0.0199, spread=0.002, samples=1001),
+    Result(Outcome.OK, measured={"mean_speed": 0.0187}, spread=0.002, samples=999),
+    Result(Outcome.OK, measured={"mean_speed": 0.0199}, spread=0.002, samples=1001),
 ]
 
 

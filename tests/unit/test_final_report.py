@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from fin_optimizer.goals import Goals
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study import final_report
 from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.report import CSV_FILE
-from fin_optimizer.study.settings import Objective, Policy, Settings
+from fin_optimizer.study.settings import Policy, Settings
 from fin_optimizer.trial.result import Outcome, Result
 
 if TYPE_CHECKING:
@@ -31,8 +32,8 @@ def begin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Begin]:
     monkeypatch.chdir(tmp_path)
     opened: list[Study] = []
 
-    def begin_one(objective: Objective = Objective.SPEED, repeats: int = 1) -> Study:
-        settings = Settings(SPACE, Policy(repeats=repeats, attempts=2), {"seed": 1}, objective)
+    def begin_one(objective: str = "speed", repeats: int = 1) -> Study:
+        settings = Settings(SPACE, Policy(repeats=repeats, attempts=2), {"seed": 1}, Goals.of_objective(objective))
         opened.append(Study.create(tmp_path / "study", settings))
         return opened[-1]
 
@@ -48,7 +49,8 @@ def swim(study: Study, candidate: int, modulus: float, result: Result) -> None:
 
 
 def ok(speed: float, cost: float | None = None) -> Result:
-    return Result(Outcome.OK, score=speed, spread=0.001, cost=cost, samples=1000)
+    measured = {"mean_speed": speed} | ({} if cost is None else {"energy_per_metre": cost})
+    return Result(Outcome.OK, measured=measured, spread=0.001, samples=1000)
 
 
 def test_the_best_fin_is_told_with_how_much_was_swum_and_where_the_results_lie(begin: Begin) -> None:
@@ -74,14 +76,14 @@ def test_repeats_and_fins_without_a_score_are_counted_apart(begin: Begin) -> Non
 
 
 def test_of_two_objectives_the_whole_front_is_told_the_fastest_first(begin: Begin) -> None:
-    study = begin(Objective.SPEED_AND_COST)
+    study = begin("speed_and_cost_of_transport")
     for candidate, (modulus, speed, cost) in enumerate([(1e9, 0.02, 0.1), (2e9, 0.03, 0.2), (3e9, 0.01, 0.3)]):
         swim(study, candidate, modulus, ok(speed, cost))
     final_report.write_report(study)
     assert final_report.findings(study)[1:-1] == [
         "Pareto front of speed and energy per metre (2 fins):",
-        "  E 2 GPa: 3.000 cm/s, 0.2 J/m",
-        "  E 1 GPa: 2.000 cm/s, 0.1 J/m",
+        "  E 2 GPa: 3.000 cm/s, 0.2000 J/m",
+        "  E 1 GPa: 2.000 cm/s, 0.1000 J/m",
     ]
     assert FRONT_FILE in final_report.findings(study)[-1]
 

@@ -120,7 +120,7 @@ def test_a_picture_tells_every_joint_of_the_gait() -> None:
 def test_a_study_of_one_joint_from_before_there_were_several_is_the_same_study() -> None:
     now = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({"seed": 7})).settings
     added = {name for name in now.details if name.startswith("gait.")} - {"gait.amplitude", "gait.frequency"}
-    older = Settings(now.space, now.policy, {n: v for n, v in now.details.items() if n not in added}, now.objective)
+    older = Settings(now.space, now.policy, {n: v for n, v in now.details.items() if n not in added}, now.goals)
     assert len(added) == 8
     assert older.differences(now) == []
     assert older.left_out(now) == []

@@ -141,7 +141,7 @@ def test_cma_finds_the_optimum_and_ranks_a_missing_score_last() -> None:
         (lambda: CmaEs(PLANE, 1, deviation=1.5), "deviation = 1.5"),
         (lambda: CmaEs(PLANE, 1).propose([Generation(np.zeros((2, 2)), np.zeros(2))]), "2 scores, 6 candidates"),
         (lambda: Generation(np.zeros((2, 1)), np.zeros(3)), "do not fit"),
-        (lambda: Generation(np.zeros((2, 1)), np.zeros(2), np.zeros(3)), r"costs of shape \(3,\) do not fit"),
+        (lambda: Generation(np.zeros((2, 1)), np.zeros(2), np.zeros((3, 1))), r"others of shape \(3, 1\) do not fit"),
         (lambda: Generation(np.zeros((1, 1)), np.array([np.inf])), "candidate 0 is infinite"),
     ],
 )

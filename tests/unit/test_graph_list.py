@@ -199,7 +199,7 @@ def test_the_command_line_gives_name_namespace_and_typed_parameters() -> None:
         ({"plant": "robot"}, "plant:=robot needs robot_file:=my_robot.yaml: copy an example"),
         (
             {"plant": "rehearsal", "objective": "speed_and_cost_of_transport"},
-            "needs a plant that tells its servos' torques",
+            "plant:=rehearsal cannot tell what the study is about: energy_per_metre needs torque in joint_states",
         ),
         ({"namespace": "fish"}, "namespace:=fish must be like /fish"),
         ({"namespace": "/fi sh"}, "namespace:=/fi sh must be like /fish"),

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fin_optimizer.bags.messages import decode
+from fin_optimizer.goals import MEASURES
 from fin_optimizer.paper.experiments import LENGTH, MODEL, MODULUS, SIMULATION, model_speeds, speeds
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
@@ -37,17 +38,17 @@ def test_the_energy_of_a_metre_is_the_servos_power_over_the_speed() -> None:
     velocity = (stamps, 0.1 * (stamps - START) / SECOND)
     started = decode(state("SWIMMING", START), STATE.type_name)
     record = SwimRecord(velocity, [started], joints, measurement.metadata())
-    scored, energy = score_swim(record, with_cost=True)
+    scored, measured = score_swim(record, [MEASURES["energy_per_metre"]])
     assert scored.value == pytest.approx(0.1, rel=1e-12)
-    assert energy == pytest.approx(10.0, rel=1e-12)
+    assert measured["energy_per_metre"] == pytest.approx(10.0, rel=1e-12)
 
 
 def test_each_fin_of_the_pareto_front_is_a_parent_as_often() -> None:
     """Of 300 draws among three each gets 100, with a standard deviation of 8.2; far ones would tell of a preference."""
     space = Space((Dimension(MODULUS, 0.5e9, 4e9, "Pa"),))
     front = [(1e9, 0.01, 1.0), (2e9, 0.02, 2.0), (3e9, 0.03, 3.0)]
-    history = [Evaluation({MODULUS: modulus}, speed, energy) for modulus, speed, energy in front]
-    history += [Evaluation({MODULUS: 3.5e9}, 0.02, 3.5), Evaluation({MODULUS: 1.5e9}, None)]  # behind the front
+    history = [Evaluation({MODULUS: modulus}, speed, (-energy,)) for modulus, speed, energy in front]
+    history += [Evaluation({MODULUS: 3.5e9}, 0.02, (-3.5,)), Evaluation({MODULUS: 1.5e9}, None)]  # behind the front
     children = [HillClimber(space, seed, {MODULUS: 1e5}).propose(history)[MODULUS] for seed in range(300)]
     counts = [sum(abs(child - modulus) < 1e6 for child in children) for modulus, *_ in front]
     assert sum(counts) == 300

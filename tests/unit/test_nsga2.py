@@ -90,14 +90,15 @@ def test_genes_mutate_as_in_the_authors_program(index: float) -> None:
 
 
 def scored(values: Array, *objectives: Callable[[Array], Array]) -> Generation:
-    return Generation(values, *(objective(values) for objective in objectives))
+    first, *others = (objective(values) for objective in objectives)
+    return Generation(values, first, np.column_stack(others) if others else None)
 
 
 def test_the_survivors_are_the_best_fronts_and_of_the_last_the_least_crowded() -> None:
-    search = Nsga2(PLANE, 1, 4, with_cost=True)
+    search = Nsga2(PLANE, 1, 4)
     values = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0], [0.4, 0.0]])
-    first = Generation(values, np.array([1.0, 2.0, np.nan, 3.0]), np.array([1.0, 2.0, 1.0, 9.0]))
-    second = Generation(values + 0.5, np.array([2.0, 2.5, 0.5, 2.9]), np.array([2.5, 2.2, 0.9, np.nan]))
+    first = Generation(values, np.array([1.0, 2.0, np.nan, 3.0]), -np.array([[1.0], [2.0], [1.0], [9.0]]))
+    second = Generation(values + 0.5, np.array([2.0, 2.5, 0.5, 2.9]), -np.array([[2.5], [2.2], [0.9], [np.nan]]))
     survivors = search._survivors([first, second])
     assert survivors is not None
     # front 0: (1, 1), (2, 2), (3, 9), (2.5, 2.2), (0.5, 0.9); of these (1, 1) has the nearest neighbours
@@ -107,6 +108,17 @@ def test_the_survivors_are_the_best_fronts_and_of_the_last_the_least_crowded() -
     assert before is not None
     assert before.values[:, 0].tolist() == [0.1, 0.4, 0.2, 0.3], "the one without a score stands last"
     assert np.isinf(before.objectives[3]).all()
+
+
+def test_those_that_meet_the_constraints_survive_first_and_then_those_that_miss_least() -> None:
+    values = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0], [0.4, 0.0]])
+    excesses = np.array([[-1.0, 0.5], [0.2, 0.1], [-3.0, 0.0], [np.nan, np.nan]])
+    first = Generation(values, np.array([4.0, 3.0, 1.0, np.nan]), None, excesses)
+    second = Generation(values + 0.5, np.array([0.5, 9.0, 5.0, 2.0]), None, np.array([[-1.0], [2.0], [0.25], [0.0]]))
+    survivors = Nsga2(PLANE, 1, 6)._survivors([first, second])
+    assert survivors is not None
+    assert survivors.values[:, 0].tolist() == [0.9, 0.3, 0.6, 0.8, 0.2, 0.1]
+    assert survivors.violations.tolist() == pytest.approx([0.0, 0.0, 0.0, 0.25, 0.3, 0.5])
 
 
 def test_the_better_of_two_drawn_survivors_is_a_parent() -> None:
@@ -146,7 +158,7 @@ def zdt1(values: Mapping[str, Scalar]) -> Evaluation:
     """Return Zitzler, Deb & Thiele's first problem: its front is y = 1 - sqrt(x) where all but the first are 0."""
     first, *others = (float(each) for each in values.values())
     slope = 1.0 + 9.0 * sum(others) / len(others)
-    return Evaluation(values, -first, slope * (1.0 - math.sqrt(first / slope)))
+    return Evaluation(values, -first, (slope * (math.sqrt(first / slope) - 1.0),))
 
 
 BOX = Space(tuple(Dimension(name, 0.0, 1.0) for name in "abcd"))
@@ -157,11 +169,11 @@ WHOLE = 11.0 - 1.0 / 3.0
 @cache
 def area(name: str, seed: int) -> float:
     """Return the area between what 400 candidates found and (1.1, 10)."""
-    search: Search = RandomSearch(BOX, seed) if name == "random" else OneByOne(Nsga2(BOX, seed, with_cost=True))
+    search: Search = RandomSearch(BOX, seed) if name == "random" else OneByOne(Nsga2(BOX, seed))
     history: list[Evaluation] = []
     while len(history) < 400:
         history.append(zdt1(search.propose(history)))
-    points = np.array([[-entry.score, entry.cost] for entry in history if entry.score is not None])
+    points = np.array([[-entry.score, -entry.others[0]] for entry in history if entry.score is not None])
     return float(compute_hypervolume(points, np.array([1.1, 10.0])))
 
 
@@ -214,11 +226,8 @@ def test_the_first_generation_is_drawn_evenly() -> None:
         (lambda: Nsga2(PLANE, 1, 5), "population = 5 must be even"),
         (lambda: Nsga2(PLANE, 1, crossover_index=-1.0), "crossover_index = -1"),
         (lambda: Nsga2(PLANE, 1, mutation_index=-1.0), "mutation_index = -1"),
-        (
-            lambda: Nsga2(PLANE, 1, 4, with_cost=True).propose([Generation(np.zeros((4, 2)), np.zeros(4))]),
-            "a generation has no costs, which are an objective",
-        ),
-        (lambda: Generation(np.zeros((2, 1)), np.zeros(2), np.zeros(3)), "costs of shape .* do not fit"),
+        (lambda: Generation(np.zeros((2, 1)), np.zeros(2), np.zeros(2)), "others of shape .* do not fit"),
+        (lambda: Generation(np.zeros((2, 1)), np.zeros(2), None, np.zeros((3, 1))), "excesses of shape .* do not fit"),
     ],
 )
 def test_what_cannot_be_is_refused(wrong: Callable[[], object], message: str) -> None:

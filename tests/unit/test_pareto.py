@@ -54,7 +54,7 @@ def test_no_points_have_no_fronts() -> None:
 
 @given(st.lists(st.tuples(small, small), min_size=1, max_size=20))
 def test_the_first_front_is_the_pareto_front_of_a_history(points: list[tuple[int, int]]) -> None:
-    history = [Evaluation({"x": 0.0}, -float(a), float(b)) for a, b in points]
+    history = [Evaluation({"x": 0.0}, -float(a), (-float(b),)) for a, b in points]
     first = {points[place] for place in np.flatnonzero(ranks(np.array(points, dtype=float)) == 0)}
     assert {points[place] for place in pareto_front(history)} == first
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from fin_optimizer.goals import Goals
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.mean_speed import Measurement
@@ -87,7 +88,7 @@ def test_the_plan_of_known_parameters() -> None:
     assert asked.measurement == Measurement(1.5, 4.0, block=0.625)
     assert asked.timeouts == Timeouts(60.0, 10.0, 10.0, 5.0, 20.0, 0.0)
     assert asked.settings.policy == Policy(repeats=3, attempts=2)
-    assert not asked.wants_cost
+    assert asked.settings.goals == Goals()
 
 
 def test_every_setting_of_the_paper_is_known() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.commands import recover_study, score_bag, show_study
+from fin_optimizer.goals import Goals
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.recorded import recorded_swim
@@ -71,7 +72,7 @@ def swim(study: Study, plan: StudyPlan, outcome: Outcome) -> None:
         **{f"study.{name}": str(value) for name, value in study.settings.flat().items()},
     }
     bag = read_bag(write_swim(study.folder / record.bag, metadata=told))
-    study.finish(record.number, result_of(recorded_swim(bag, {}, with_cost=False), wants_cost=False))
+    study.finish(record.number, result_of(recorded_swim(bag, {}), Goals()))
 
 
 def ignoring_times(trial: TrialRecord) -> TrialRecord:

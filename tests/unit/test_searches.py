@@ -49,7 +49,7 @@ def told(values: Mapping[str, Scalar], number: int) -> Evaluation:
     length, segments = float(values["fin.length"]), float(values["fin.segments"])
     between = values.get("fin.hinges") == "between"
     score = -((length - 0.08) ** 2) * 100.0 - 0.01 * abs(segments - 7) + 0.1 * between
-    return Evaluation(values, score, 1.0 + length)
+    return Evaluation(values, score, (-1.0 - length,))
 
 
 @cache
@@ -84,7 +84,7 @@ def test_what_was_asked_before_changes_nothing(name: str) -> None:
         before = list(whole[:length])
         assert used.propose(before) == whole[length].values
         assert before == whole[:length]
-    better = [*whole[:12], Evaluation(whole[12].values, 9.0, 0.1), *whole[13:]]
+    better = [*whole[:12], Evaluation(whole[12].values, 9.0, (-0.1,)), *whole[13:]]
     assert used.propose(better) == mixed(name).propose(better)
     assert pickle.loads(pickle.dumps(used)).propose(whole[:15]) == whole[15].values  # noqa: S301  (our own)
 
@@ -147,25 +147,25 @@ def test_a_smooth_peak_is_found_within_so_many_candidates(name: str, count: int,
 
 
 @pytest.mark.parametrize(
-    ("name", "dimensions", "with_cost", "message"),
+    ("name", "dimensions", "objectives", "message"),
     [
         (
             "cma_es",
             (*NUMBERS, HINGES),
-            False,
+            1,
             r"cma_es cannot choose \(fin.hinges\): for choices use hill_climber,",
         ),
-        ("cma_es", NUMBERS, True, "cma_es knows one objective only: for two use hill_climber, tpe, nsga2, random, qua"),
-        ("gp", NUMBERS, True, "gp knows one objective only"),
-        ("genetic", (*NUMBERS, HINGES), True, "genetic knows one objective only: for two use hill_climber, tpe, nsga2"),
-        ("cma_es", (MODULUS,), False, "CMA-ES needs at least 2 parameters"),
+        ("cma_es", NUMBERS, 2, "cma_es knows one objective only: for several use hill_climber, tpe, nsga2, ran"),
+        ("gp", NUMBERS, 2, "gp knows one objective only"),
+        ("genetic", (*NUMBERS, HINGES), 2, "genetic knows one objective only: for several use hill_climber, tpe"),
+        ("cma_es", (MODULUS,), 1, "CMA-ES needs at least 2 parameters"),
     ],
 )
 def test_what_a_search_cannot_do_is_refused_with_those_that_can(
-    name: str, dimensions: tuple[Dimension | Choice, ...], with_cost: bool, message: str
+    name: str, dimensions: tuple[Dimension | Choice, ...], objectives: int, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        search(name, Space(dimensions), 1, STEPS, with_cost=with_cost)
+        search(name, Space(dimensions), 1, STEPS, objectives=objectives)
 
 
 @pytest.mark.parametrize("name", ALGORITHMS)

@@ -86,53 +86,52 @@ def test_a_space_that_refuses_everything_is_told(monkeypatch: pytest.MonkeyPatch
     assert len(spread(QuasiRandom(rare, 5), 1)) == 1, "refused in one block, not in the second"
 
 
-def by_optuna(history: list[Evaluation], seed: int, *, with_cost: bool) -> dict[str, object]:
-    """Ask Optuna's own study, filled with the history, for the next candidate."""
+def by_optuna(history: list[Evaluation], seed: int, *, several: bool, limited: bool) -> dict[str, object]:
+    """Ask Optuna's own study, filled with the history, for the next candidate; the second objective is a cost."""
     sampler = optuna.samplers.TPESampler(seed=seed, constant_liar=True)
-    study = optuna.create_study(sampler=sampler, directions=["maximize", "minimize"] if with_cost else ["maximize"])
+    study = optuna.create_study(sampler=sampler, directions=["maximize", "minimize"] if several else ["maximize"])
     state = optuna.trial.TrialState
     for entry in history:
-        numbers = [entry.score, entry.cost] if with_cost else [entry.score]
-        known = None not in numbers
+        known = entry.score is not None
+        numbers = [entry.score, *(-other for other in entry.others)]
+        none = {"0": math.inf, "1": math.inf}
         study.add_trial(
             optuna.create_trial(
                 state=state.COMPLETE if known else state.RUNNING if entry.pending else state.PRUNED,
                 params=dict(entry.values),
                 distributions=distributions(MIXED),
                 values=numbers if known else None,  # type: ignore[arg-type]
+                constraints=None if not limited else dict(zip("01", entry.excesses, strict=True)) if known else none,
             )
         )
     return study.ask(distributions(MIXED)).params
 
 
-@pytest.mark.parametrize("with_cost", [False, True])
+@pytest.mark.parametrize("limited", [False, True])
+@pytest.mark.parametrize("several", [False, True])
 @pytest.mark.parametrize("count", [9, 10, 11, 30])
-def test_a_candidate_is_the_one_that_optuna_proposes_after_the_same_trials(count: int, with_cost: bool) -> None:
-    search = Tpe(MIXED, 7, with_cost=with_cost)
+def test_a_candidate_is_the_one_that_optuna_proposes_after_the_same_trials(
+    count: int, several: bool, limited: bool
+) -> None:
+    search = Tpe(MIXED, 7, 1 + several, 2 * limited)
     history = []
     for number, entry in enumerate(spread(QuasiRandom(MIXED, 3), count)):
-        score = -((float(entry.values["x"]) - 0.3) ** 2) - float(entry.values["n"])
+        x, n = float(entry.values["x"]), float(entry.values["n"])
+        others, excesses = (-x,) if several else (), (0.5 - x, n - 3.0) if limited else ()
         known = number % 6 != 4
-        history.append(
-            Evaluation(entry.values, score if known else None, float(entry.values["x"]), pending=number % 12 == 4)
-        )
+        score = -((x - 0.3) ** 2) - n
+        scored = Evaluation(entry.values, score, others, excesses)
+        history.append(scored if known else Evaluation(entry.values, None, pending=number % 12 == 4))
     seed = int(generator(7, count).integers(2**32))
     found = search.propose(history)
-    expected = by_optuna(history, seed, with_cost=with_cost)
+    expected = by_optuna(history, seed, several=several, limited=limited)
     assert {name: found[name] for name in ("n", "c")} == {name: expected[name] for name in ("n", "c")}
     assert [found["x"], found["y"]] == pytest.approx([expected["x"], expected["y"]], rel=1e-12)
 
 
-def test_a_candidate_without_a_cost_counts_as_one_without_a_score_where_both_are_asked_for() -> None:
-    history = [Evaluation(e.values, float(e.values["x"])) for e in spread(QuasiRandom(MIXED, 3), 12)]
-    unscored = [Evaluation(entry.values, None) for entry in history]
-    assert Tpe(MIXED, 7, with_cost=True).propose(history) == Tpe(MIXED, 7, with_cost=True).propose(unscored)
-    assert Tpe(MIXED, 7).propose(history) != Tpe(MIXED, 7).propose(unscored)
-
-
 def test_a_copy_has_the_same_objectives() -> None:
-    history = [Evaluation(e.values, float(e.values["x"]), 1.0) for e in spread(QuasiRandom(MIXED, 3), 12)]
-    both = Tpe(MIXED, 7, with_cost=True)
+    history = [Evaluation(e.values, float(e.values["x"]), (-1.0,), (0.5,)) for e in spread(QuasiRandom(MIXED, 3), 12)]
+    both = Tpe(MIXED, 7, 2, 1)
     copied = pickle.loads(pickle.dumps(both))  # noqa: S301  (our own)
     assert copied == both
     assert copied.propose(history) == both.propose(history) != Tpe(MIXED, 7).propose(history)

@@ -42,7 +42,7 @@ INFEASIBLE = Result(Outcome.INFEASIBLE, "thicker than long")
 
 
 def ok(score: float) -> Result:
-    return Result(Outcome.OK, score=score, spread=0.001, samples=1000)
+    return Result(Outcome.OK, measured={"mean_speed": score}, spread=0.001, samples=1000)
 
 
 def hump(modulus: float) -> float:
@@ -439,7 +439,7 @@ def test_a_study_is_begun_where_the_file_system_has_no_hard_links(
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ('{"format": 3}', "its format 3 is newer than the 2 that this version knows"),
+        ('{"format": 4}', "its format 4 is newer than the 3 that this version knows"),
         ('{"form', "it is no study's settings"),
         ("[]", "it is no study's settings"),
     ],

@@ -18,6 +18,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from fin_optimizer.goals import OF_OBJECTIVE, Goals
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
 from fin_optimizer.search.space import Dimension, Evaluation, Space
@@ -25,7 +26,7 @@ from fin_optimizer.study.candidate import Candidate, front, is_for_another
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.records import read_trials
-from fin_optimizer.study.settings import Objective, Policy, Settings
+from fin_optimizer.study.settings import Policy, Settings
 from fin_optimizer.trial.result import Outcome, Result
 
 if TYPE_CHECKING:
@@ -85,12 +86,12 @@ class Studies(RuleBasedStateMachine):
     @initialize(
         repeats=st.integers(1, 2),
         attempts=st.integers(1, 3),
-        objective=st.sampled_from(Objective),
+        objective=st.sampled_from([*OF_OBJECTIVE]),
         in_threes=st.booleans(),
     )
-    def begin(self, repeats: int, attempts: int, objective: Objective, *, in_threes: bool) -> None:
+    def begin(self, repeats: int, attempts: int, objective: str, *, in_threes: bool) -> None:
         self.policy = Policy(repeats, attempts)
-        self.settings = Settings(SPACE, self.policy, {"seed": 1}, objective)
+        self.settings = Settings(SPACE, self.policy, {"seed": 1}, Goals.of_objective(objective))
         self.in_threes = in_threes
         self.study = Study.create(self.folder, self.settings)
         self.search = self.new_search()
@@ -119,7 +120,7 @@ class Studies(RuleBasedStateMachine):
         return Evaluation(
             self.values[candidate],
             statistics.fmean(swim.score or 0.0 for swim in good) if good else None,
-            statistics.fmean(costs) if costs else None,
+            (-statistics.fmean(costs),) if costs else (),
             pending=not good and not self.is_settled(candidate),
         )
 
@@ -175,8 +176,9 @@ class Studies(RuleBasedStateMachine):
     @rule(data=st.data(), score=SCORES, cost=COSTS)
     def finish_well(self, data: st.DataObject, score: float, cost: float) -> None:
         number = data.draw(st.sampled_from(self.under_way(*OPEN)))
-        both = self.settings.objective is Objective.SPEED_AND_COST
-        self.study.finish(number, Result(Outcome.OK, score=score, cost=cost, spread=0.001, samples=100))
+        both = len(self.settings.goals.measures) > 1
+        measured = {"mean_speed": score, "energy_per_metre": cost}
+        self.study.finish(number, Result(Outcome.OK, measured=measured, spread=0.001, samples=100))
         swim = self.swims[number]
         swim.outcome, swim.score, swim.cost = Outcome.OK, score, cost if both else None
 
@@ -190,12 +192,12 @@ class Studies(RuleBasedStateMachine):
         self.study.finish(number, Result(outcome, "for a reason"))
         self.swims[number].outcome = outcome
 
-    @precondition(lambda self: self.under_way(*OPEN) and self.settings.objective is Objective.SPEED_AND_COST)
+    @precondition(lambda self: self.under_way(*OPEN) and len(self.settings.goals.measures) > 1)
     @rule(data=st.data())
     def finish_without_the_second_number(self, data: st.DataObject) -> None:
         number = data.draw(st.sampled_from(self.under_way(*OPEN)))
         with pytest.raises(StudyError, match="this study is about"):
-            self.study.finish(number, Result(Outcome.OK, score=0.01))
+            self.study.finish(number, Result(Outcome.OK, measured={"mean_speed": 0.01}))
 
     @rule()
     def be_refused_to_a_second_process(self) -> None:
@@ -221,7 +223,8 @@ class Studies(RuleBasedStateMachine):
         trials = self.study.trials
         assert [trial.number for trial in trials] == list(range(len(self.swims)))
         assert [
-            Swim(trial.candidate, trial.plant, trial.outcome, trial.score, trial.cost) for trial in trials
+            Swim(trial.candidate, trial.plant, trial.outcome, trial.score, trial.measured.get("energy_per_metre"))
+            for trial in trials
         ] == self.swims
         assert all(trial.values == self.values[trial.candidate] for trial in trials)
         assert all(
@@ -242,17 +245,14 @@ class Studies(RuleBasedStateMachine):
         known = [(each.score, -number) for number in numbers if (each := self.evaluation(number)).score is not None]
         best = self.study.best()
         assert (None if best is None else best.number) == (-max(known)[1] if known else None)
-        both = [
-            (each.score, each.cost, number)
-            for number in numbers
-            if (each := self.evaluation(number)).score is not None and each.cost is not None
-        ]
+        scored = [(each.objectives, n) for n in numbers if (each := self.evaluation(n)).objectives]
         unbeaten = [
             number
-            for score, cost, number in both
+            for mine, number in scored
             if not any(
-                (other >= score and less <= cost) and ((other, less) != (score, cost) or before < number)
-                for other, less, before in both
+                all(other >= own for own, other in zip(mine, others, strict=True))
+                and (others != mine or before < number)
+                for others, before in scored
                 if before != number
             )
         ]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from fin_optimizer.goals import Goals
 from fin_optimizer.report import figures
 from fin_optimizer.report.film import film_of
 from fin_optimizer.report.page import html_of
@@ -22,7 +23,7 @@ from fin_optimizer.report.study_facts import StudyFacts, simulate
 from fin_optimizer.report.study_page import study_page
 from fin_optimizer.search.space import Choice, Dimension, Space, generator
 from fin_optimizer.study.candidate import TrialRecord
-from fin_optimizer.study.settings import Objective, Settings
+from fin_optimizer.study.settings import Settings
 from fin_optimizer.trial.result import Outcome
 from fin_plant.fin import FIN_PARAMETERS, node_table
 from fin_plant.gait import carangiform
@@ -57,9 +58,8 @@ def trial(
         values=SPACE.drawn(generator(3, fin)),
         outcome=outcome,
         reason=reason,
-        score=score if outcome is Outcome.OK else None,
+        measured={"mean_speed": score} if outcome is Outcome.OK and score is not None else {},
         spread=0.001 if outcome is Outcome.OK else None,
-        cost=None,
         samples=10,
         plant="/fish",
         bag=f"bags/trial_{number:04d}",
@@ -217,8 +217,10 @@ def test_repeats_have_their_spread() -> None:
 
 
 def test_two_objectives_have_their_front() -> None:
-    trials = [replace(each, cost=0.1 * each.number) for each in scored(5)]
-    facts = StudyFacts("f", Settings(SPACE, details=DETAILS, objective=Objective.SPEED_AND_COST), trials)
+    trials = [replace(each, measured={**each.measured, "energy_per_metre": 0.1 * each.number}) for each in scored(5)]
+    facts = StudyFacts(
+        "f", Settings(SPACE, details=DETAILS, goals=Goals.of_objective("speed_and_cost_of_transport")), trials
+    )
     assert any("Pareto front" in plot.says for plot in of_kind(study_page(facts), Plot))
 
 

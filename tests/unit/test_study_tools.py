@@ -12,7 +12,7 @@ import shutil
 import signal
 import subprocess
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 import pytest
@@ -22,6 +22,7 @@ from fin_bringup.benchmarks.trials import throughput
 from fin_optimizer.bags.messages import decode, velocity_samples
 from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.commands import export, score_bag, show_study
+from fin_optimizer.goals import Goals
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score import recorded
@@ -37,7 +38,7 @@ from fin_optimizer.study.candidate import front
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.records import read_trials
-from fin_optimizer.study.settings import Objective, Policy, Settings
+from fin_optimizer.study.settings import Policy, Settings
 from fin_optimizer.trial.result import Outcome, Result
 from support.bags import (
     JOINTS,
@@ -68,13 +69,20 @@ SEARCHES: dict[str, Callable[[], Search]] = {
     "CMA-ES": lambda: OneByOne(CmaEs(SPACE, 7, population=6)),
 }
 
+BOTH = Goals.of_objective("speed_and_cost_of_transport")
+
 
 def outcome(number: int, values: dict[str, float], *, with_cost: bool = False) -> Result:
     """Return how a trial of this fin ends: every seventh candidate cannot be built."""
     if number % 7 == 5:
         return Result(Outcome.INFEASIBLE, "thicker than long")
     speed = 0.03 - abs(values[MODULUS] - 1.1e9) / 1e11 - abs(values[LENGTH] - 0.08) / 10.0
-    return Result(Outcome.OK, score=speed, samples=100, cost=values[LENGTH] * speed if with_cost else None)
+    cost = {"energy_per_metre": values[LENGTH] * speed} if with_cost else {}
+    return Result(Outcome.OK, measured={"mean_speed": speed, **cost}, samples=100)
+
+
+def ok(speed: float, **more: Any) -> Result:
+    return Result(Outcome.OK, measured={"mean_speed": speed}, **more)
 
 
 def swim(study: Study, search: Search, trials: int) -> None:
@@ -83,7 +91,7 @@ def swim(study: Study, search: Search, trials: int) -> None:
         assert following is not None
         record = study.propose(*following, "/fish")
         study.start(record.number)
-        result = outcome(*following, with_cost=study.settings.objective is Objective.SPEED_AND_COST)
+        result = outcome(*following, with_cost=study.settings.goals == BOTH)
         study.finish(record.number, result)
 
 
@@ -175,7 +183,7 @@ def test_the_journal_tells_what_was_known_when_a_candidate_was_proposed(tmp_path
 def test_two_objectives_give_a_pareto_front_and_a_resumed_study_the_same(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    settings = Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)
+    settings = Settings(SPACE, Policy(), {}, BOTH)
     for folder, parts in (("whole", (30,)), ("cut", (11, 19))):
         for part in parts:
             with (
@@ -185,14 +193,13 @@ def test_two_objectives_give_a_pareto_front_and_a_resumed_study_the_same(
             ):
                 swim(study, SEARCHES["hill climber"](), part)
     assert [t.values for t in read_trials(tmp_path / "cut")] == [t.values for t in read_trials(tmp_path / "whole")]
-    scored = [c for c in study.candidates if c.score is not None and c.cost is not None]
+    scored = [c for c in study.candidates if c.measured]
     dominated = {
         c.number
         for c in scored
         for o in scored
-        if (o.score or 0) >= (c.score or 0)
-        and (o.cost or 0) <= (c.cost or 0)
-        and (o.score, o.cost) != (c.score, c.cost)
+        if all(b >= a for a, b in zip(c.evaluation.objectives, o.evaluation.objectives, strict=True))
+        and o.evaluation.objectives != c.evaluation.objectives
     }
     assert sorted(c.number for c in front(study.candidates)) == sorted({c.number for c in scored} - dominated)
     assert show_study.main([str(tmp_path / "cut"), "--all"]) == 0
@@ -200,11 +207,11 @@ def test_two_objectives_give_a_pareto_front_and_a_resumed_study_the_same(
 
 
 def test_an_ok_trial_without_its_second_objective_is_refused(tmp_path: Path) -> None:
-    with Study.create(tmp_path / "study", Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)) as study:
+    with Study.create(tmp_path / "study", Settings(SPACE, Policy(), {}, BOTH)) as study:
         values = {MODULUS: 1e9, LENGTH: 0.08}
         study.start(study.propose(0, values).number)
         with pytest.raises(StudyError, match="has no energy per metre"):
-            study.finish(0, Result(Outcome.OK, score=0.02))
+            study.finish(0, ok(0.02))
 
 
 @pytest.fixture
@@ -212,9 +219,15 @@ def study(tmp_path: Path) -> Path:
     """Return the folder of a study with repeats, a failure and an infeasible fin."""
     with Study.create(tmp_path / "study", Settings(SPACE, Policy(repeats=2))) as begun:
         results = (
-            [Result(Outcome.OK, score=score, spread=0.001, samples=1001) for score in (0.0101, 0.0103)]
-            + [Result(Outcome.FAILED, "no velocity for 1 s"), Result(Outcome.OK, score=0.02, samples=1001)]
-            + [Result(Outcome.OK, score=0.022, samples=1001), Result(Outcome.INFEASIBLE, "thicker than long")]
+            [ok(score, spread=0.001, samples=1001) for score in (0.0101, 0.0103)]
+            + [
+                Result(Outcome.FAILED, "no velocity for 1 s"),
+                ok(0.02, samples=1001),
+            ]
+            + [
+                ok(0.022, samples=1001),
+                Result(Outcome.INFEASIBLE, "thicker than long"),
+            ]
         )
         for result in results:
             following = begun.next_candidate(SEARCHES["hill climber"]())
@@ -245,7 +258,7 @@ def test_an_export_has_a_row_a_trial_and_its_units_in_csv_and_parquet_alike(stud
 def test_an_export_knows_the_two_hours_of_a_change_of_the_clocks_apart(tmp_path: Path) -> None:
     with Study.create(tmp_path / "study", Settings(SPACE)) as begun:
         begun.start(begun.propose(0, {MODULUS: 1e9, LENGTH: 0.08}).number)
-        begun.finish(0, Result(Outcome.OK, score=0.02))
+        begun.finish(0, ok(0.02))
     take_off_check_sums(tmp_path / "study")
     journal = tmp_path / "study" / "journal.log"
     times = ("2025-10-26T00:30:00.000000+00:00", "2025-10-26T01:30:00.000000+00:00")  # in Berlin both are 2:30
@@ -291,7 +304,10 @@ def test_in_a_narrow_terminal_no_number_of_a_study_is_broken(
                 4: Result(Outcome.INTERRUPTED, "in phase 'measure': Ctrl-C"),
                 8: Result(Outcome.FAILED, "no velocity"),
             }
-            begun.finish(number, bad.get(number, Result(Outcome.OK, score=0.0123456 + 1e-5 * number, samples=1)))
+            begun.finish(
+                number,
+                bad.get(number, ok(0.0123456 + 1e-5 * number, samples=1)),
+            )
         best = begun.best()
         settings, trials = begun.settings, begun.trials
     assert best is not None
@@ -335,8 +351,8 @@ def resumed(tmp_path: Path) -> Path:
             record = begun.start(begun.propose(*following, "/fish").number)
             bag = write_swim(tmp_path / "resumed" / record.bag)
             scored = recorded.score_bag(bag)[0]
-            ok = Result(Outcome.OK, score=scored.value, spread=scored.spread, samples=scored.samples)
-            begun.finish(record.number, stopped if interrupted else ok)
+            done = ok(scored.value, spread=scored.spread, samples=scored.samples)
+            begun.finish(record.number, stopped if interrupted else done)
             if interrupted:
                 (file,) = bag.glob("*.mcap")
                 file.write_bytes(file.read_bytes()[:3000])
@@ -397,7 +413,7 @@ def test_a_bag_that_does_not_give_the_journals_score_is_an_error(
 def with_cost(tmp_path: Path) -> Path:
     """Return the folder of a study that looks for speed and energy per metre, with one trial."""
     measurement = Measurement(duration=2.0)
-    settings = Settings(SPACE, Policy(), {}, Objective.SPEED_AND_COST)
+    settings = Settings(SPACE, Policy(), {}, BOTH)
     metadata = {f"study.{name}": str(value) for name, value in settings.flat().items()}
     velocities = [
         velocity(START + index * STEP, 0.15 * math.tanh(index / 20) + 0.01 * math.sin(index)) for index in range(201)
@@ -413,8 +429,8 @@ def with_cost(tmp_path: Path) -> Path:
                 writer.write(JOINTS.name, joint)
         started = decode(state("SWIMMING", START), STATE.type_name)
         record_of_swim = SwimRecord(velocity_samples(velocities), [started], joints, measurement.metadata())
-        scored, cost = score_swim(record_of_swim, with_cost=True)
-        study.finish(record.number, Result(Outcome.OK, score=scored.value, spread=scored.spread, cost=cost, samples=1))
+        scored, measured = score_swim(record_of_swim, BOTH.asked)
+        study.finish(record.number, Result(Outcome.OK, measured=measured, spread=scored.spread, samples=1))
     return tmp_path / "study"
 
 
@@ -424,7 +440,8 @@ def test_the_energy_per_metre_of_a_study_about_it_is_that_of_the_live_trial(
     (trial,) = read_trials(with_cost)
     assert score_bag.main([str(with_cost), str(with_cost / trial.bag)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines == [f"{trial.score!r} {trial.spread!r} {trial.cost!r} {with_cost / trial.bag}"] * 2
+    cost = trial.measured["energy_per_metre"]
+    assert lines == [f"{trial.score!r} {trial.spread!r} {cost!r} {with_cost / trial.bag}"] * 2
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     assert score_bag.main([str(with_cost), str(resumed)]) == 0
     heads = [line.split() for line in capsys.readouterr().out.splitlines() if line.endswith(" bag")]
@@ -434,9 +451,9 @@ def test_the_energy_per_metre_of_a_study_about_it_is_that_of_the_live_trial(
     ]
     take_off_check_sums(with_cost)
     journal = (with_cost / "journal.log").read_text()
-    (with_cost / "journal.log").write_text(journal.replace(repr(trial.cost), "0.5"))
+    (with_cost / "journal.log").write_text(journal.replace(repr(cost), "0.5"))
     assert score_bag.main([str(with_cost)]) == 2
-    assert f"energy per metre [J/m] is {trial.cost!r} from the bag and 0.5 in journal.log" in capsys.readouterr().err
+    assert f"energy per metre [J/m] is {cost!r} from the bag and 0.5 in journal.log" in capsys.readouterr().err
 
 
 def test_scores_have_a_header_for_a_person_only(

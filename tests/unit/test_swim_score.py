@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from fin_optimizer.bags.messages import decode, message_types
+from fin_optimizer.goals import MEASURES
 from fin_optimizer.score.joints import joint_columns
 from fin_optimizer.score.mean_speed import Measurement, NotThisSwimError, Score, ScoreError
-from fin_optimizer.score.swim import SwimRecord, power_samples, refuse_folded, score_swim, start_of_swim, tail_angle
+from fin_optimizer.score.measured import power_samples
+from fin_optimizer.score.swim import SwimRecord, refuse_folded, score_swim, start_of_swim, tail_angle
 from support.bags import JOINTS, SECOND, START, STATE, STEP, state
 
 TAIL = "tail_joint_1"
@@ -91,7 +93,8 @@ def scored(
 ) -> tuple[Score, float | None]:
     started = decode(state("SWIMMING", START), STATE.type_name)
     record = SwimRecord(velocity, [started], joint_states, measurement.metadata())
-    return score_swim(record, with_cost=joint_states is not None)
+    reached, measured = score_swim(record, [] if joint_states is None else [MEASURES["energy_per_metre"]])
+    return reached, measured.get("energy_per_metre")
 
 
 def steady(speed: float) -> tuple[np.ndarray, np.ndarray]:
@@ -121,7 +124,8 @@ def test_energy_per_metre_is_asked_for_and_there_with_headway() -> None:
     for speed in (0.0, -0.25):
         reached, energy = scored(steady(speed), power_of(2.0), measurement)
         assert reached.value == pytest.approx(speed, rel=1e-12)
-        assert energy is None
+        assert energy is not None
+        assert math.isnan(energy)
 
 
 def test_a_swim_faster_than_a_fish_or_not_from_rest_is_refused() -> None:
@@ -152,7 +156,7 @@ def test_a_swim_whose_joints_nobody_recorded_has_no_energy() -> None:
     started = decode(state("SWIMMING", START), STATE.type_name)
     record = SwimRecord(steady(0.25), [started], None, Measurement(1.0, 2.0).metadata())
     with pytest.raises(ScoreError, match="no joint_states for"):
-        score_swim(record, with_cost=True)
+        score_swim(record, [MEASURES["energy_per_metre"]])
 
 
 def test_a_swim_of_a_folded_fin_or_of_a_tracker_that_stands_still_has_no_score() -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import pytest
 
 from fin_optimizer.bags.messages import BagError, decode, velocity_samples
+from fin_optimizer.goals import Goals
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.score.swim import SwimRecord
 from fin_optimizer.trial.facts import Reply
@@ -147,9 +148,7 @@ class Tank:
     def __init__(self, folder: Path, differences: Sequence[str] = ()) -> None:
         self.fish = Fish()
         timeouts = Timeouts(find=5.0, plant=5.0, reply=5.0, silence=5.0, rest=5.0)
-        conditions = Conditions(
-            PAPER_GAIT, STILL, MEASUREMENT, timeouts, wants_cost=False, differences=lambda _: differences
-        )
+        conditions = Conditions(PAPER_GAIT, STILL, MEASUREMENT, timeouts, Goals(), differences=lambda _: differences)
         graph = cast("Any", SimpleNamespace(count_publishers=lambda _: 0))
         fish = cast("Any", self.fish)
         self.swimmer = Swimmer("/fish", conditions, fish, fish, Observer(graph, fish, fish, "/fish", PAPER_GAIT))

@@ -27,7 +27,7 @@ FIN: dict[str, Value] = {"fin.young_modulus": 1.5e9, "fin.segments": 3, "fin.hin
 SHOWN = {name: value if isinstance(value, str) else repr(value) for name, value in FIN.items()}
 OTHER_FIN = {**SHOWN, "fin.young_modulus": "1200000000.0"}
 TIMEOUTS = Timeouts(find=30.0, plant=10.0, reply=20.0, silence=5.0, people=0.0)
-OK = Result(Outcome.OK, score=0.02, samples=1000)
+OK = Result(Outcome.OK, measured={"mean_speed": 0.02}, samples=1000)
 
 
 class Seen:
@@ -933,10 +933,10 @@ def test_a_swim_without_a_score_fails_with_the_scores_reason() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"outcome": Outcome.OK}, "score of an OK trial"),
-        ({"outcome": Outcome.OK, "score": float("nan")}, "score of an OK trial = nan"),
+        ({"outcome": Outcome.OK}, "mean_speed of an OK trial"),
+        ({"outcome": Outcome.OK, "measured": {"mean_speed": 0.1, "power": math.inf}}, "power of an OK trial = inf"),
         ({"outcome": Outcome.FAILED}, "has a reason and no score"),
-        ({"outcome": Outcome.INFEASIBLE, "reason": "no", "score": 1.0}, "has a reason and no score"),
+        ({"outcome": Outcome.INFEASIBLE, "reason": "no", "measured": {"mean_speed": 1.0}}, "has a reason and no score"),
         ({"outcome": Outcome.RUNNING, "reason": "no"}, "cannot end as RUNNING"),
     ],
 )

@@ -7,16 +7,18 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from fin_bringup.plants import plant_named
 from fin_bringup.study_arguments import NAMESPACE, parameters_of, refuse_unknown, words_of
 from fin_optimizer.gait_parameters import gait_from_parameters
+from fin_optimizer.goals import VELOCITY, YAW_RATE, Goals
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER, OPTIMIZER_PARAMETERS, SIMULATOR
 from fin_optimizer.study.journal import StudyError
 from fin_plant.checks import counted
 from fin_plant.parameters import load_table
 from fin_plant.paths import given_path
+from fin_plant.plant_state import SERVO_TORQUE, THRUST
 from fin_servo_driver import robot_file
 
 if TYPE_CHECKING:
@@ -30,6 +32,11 @@ _LATER_FISH: dict[str, Value] = {"publish_clock": False}
 _REPEATS = {"robot": "3"}
 _EXAMPLE = str(load_table("fin_servo_driver", "rehearsal_parameters.yaml")["robot_file"].default)
 """Robot file of a rehearsal that gives none."""
+
+
+_TELLS = {"sim": (SERVO_TORQUE, THRUST)}
+"""What a kind of plant tells beside the velocity."""
+_GOALS = ("objective", "constraints")
 
 
 @dataclass(frozen=True)
@@ -79,9 +86,10 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     refuse_unknown(values, kind)
     values = {**_of_its_time(values.get("study_folder", "")), **values}
     optimizer = NodeSpec("fin_optimizer", OPTIMIZER, OPTIMIZER, namespace, parameters_of(OPTIMIZER_PARAMETERS, values))
-    if kind != "sim" and "objective" in optimizer.parameters:
-        msg = f"objective:={values['objective']} needs a plant that tells its servos' torques, and of all only sim does"
-        raise ValueError(msg)
+    asked: Any = [optimizer.parameters.get(name, OPTIMIZER_PARAMETERS[name].default) for name in _GOALS]
+    told = {VELOCITY, YAW_RATE, *_TELLS.get(kind, ())}
+    if refusal := Goals.of_objective(*asked).cannot_be_told(told, f"plant:={kind}"):
+        raise ValueError(refusal)
     fish = cast("list[str]", optimizer.parameters.get("plants", [])) or [namespace]
     robots = _robots(values, len(fish)) if kind == "robot" else [{}] * len(fish)
     specs = []

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_msgs.msg import Float64
 
-from fin_optimizer.words import ENERGY_PER_METRE, show_values, trial_name
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
+from fin_optimizer.words import show_values, trial_name
 from fin_plant import topics
 from fin_plant.messages import key_values
 
@@ -39,7 +40,8 @@ class Announcer:
             **record.values,
             "outcome": record.outcome.value,
         }
-        known = {"score [m/s]": record.score, ENERGY_PER_METRE: record.cost, "reason": record.reason or None}
+        others = {MEASURES[name].column: value for name, value in record.measured.items() if name != MEAN_SPEED}
+        known = {"score [m/s]": record.score, **others, "reason": record.reason or None}
         values |= {name: value for name, value in known.items() if value is not None}
         level = DiagnosticStatus.WARN if record.reason else DiagnosticStatus.OK
         shown = f"{trial_name(record.number)}: {show_values(record.values)}"

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from fin_plant import checks
+from fin_plant.plant_state import SERVO_TORQUE, THRUST
 from fin_plant.units import quantity
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
 
     import numpy as np
     from numpy.typing import NDArray
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
     Measured = Mapping[str, float | NDArray[np.float64]]
     """What swims achieved in SI, by measure: one number each, or an array of a value a swim."""
 
-VELOCITY, YAW_RATE, SERVO_TORQUE, THRUST = "velocity", "yaw rate in velocity", "torque in joint_states", "thrust"
-"""What a plant may tell, by the topic that it stands in."""
+VELOCITY, YAW_RATE = "velocity", "yaw rate in velocity"
+"""What is told of every fish; of `SERVO_TORQUE` and `THRUST` a plant says itself whether it tells them."""
 MEAN_SPEED, ENERGY_PER_METRE = "mean_speed", "energy_per_metre"
 MORE, LESS = 1, -1
 """Which way a measure is good."""
@@ -62,14 +63,23 @@ class Measure:
     @property
     def column(self) -> str:
         """Head of its column in tables that programs read."""
-        words = "speed" if self.name == MEAN_SPEED else self.words  # as tables of older versions have it
-        return f"{words} [{self.unit}]" if self.unit else words
+        return f"{self.words} [{self.unit}]" if self.unit else self.words
 
     @property
     def label(self) -> str:
         """Label of an axis in SI."""
         words = "mean forward speed" if self.name == MEAN_SPEED else self.words
         return f"{words} ({self.unit})" if self.unit else words
+
+    @property
+    def axis(self) -> str:
+        """Label of an axis in the unit of a laboratory."""
+        words = "mean forward speed" if self.name == MEAN_SPEED else self.words
+        return f"{words} ({self.shown_in[0]})"
+
+    def told(self, value: float) -> str:
+        """Return a value with what people call it, for example ``thrust 12.34 mN``."""
+        return f"{self.words} {self.shown(value)}"
 
     def shown(self, value: float) -> str:
         """Return a value in the unit of a laboratory with four digits, for example ``2.661 cm/s``."""
@@ -86,7 +96,7 @@ MEASURES = _table(
         MEAN_SPEED,
         "m/s",
         MORE,
-        "mean speed",
+        "speed",
         "Mean forward speed over the window: the distance swum over the time needed.",
         (VELOCITY,),
         ("cm/s", 1e-2),
@@ -211,6 +221,8 @@ def measure(name: str) -> Measure:
     raise ValueError(msg)
 
 
+BETWEEN_CONSTRAINTS = "; "
+"""Stands between constraints where they are told in one text."""
 _CONSTRAINT = re.compile(r"\s*(\w+)\s*(<=|>=)\s*(.*?)\s*")
 _PERCENT = re.compile(r"(.*?)\s*%")
 
@@ -305,6 +317,22 @@ class Goals:
         """
         return cls(tuple(map(measure, names)), tuple(map(Constraint.parse, constraints)))
 
+    @classmethod
+    def of_objective(cls, objective: str, constraints: Iterable[str] = ()) -> Goals:
+        """Return the goals of the parameter ``objective``: one of `OF_OBJECTIVE`, or measures with commas between.
+
+        Raises:
+            ValueError: A name or a text that is refused.
+        """
+        names = OF_OBJECTIVE.get(objective) or [name.strip() for name in objective.split(",")]
+        return cls.of(names, constraints)
+
+    @property
+    def objective(self) -> str:
+        """What `of_objective` reads; those that older versions know are written as these do."""
+        names = tuple(goal.name for goal in self.measures)
+        return next((short for short, meant in OF_OBJECTIVE.items() if meant == names), ", ".join(names))
+
     @property
     def asked(self) -> tuple[Measure, ...]:
         """All measures that are asked for, each once: the mean speed, which every swim has, goals and constraints."""
@@ -334,15 +362,14 @@ class Goals:
         """Return by how much each constraint is missed, 0 or less where it is met; shape as of ``measured``."""
         return tuple(each.excess(measured[each.measure.name]) for each in self.constraints)
 
+    def shown(self, measured: Mapping[str, float]) -> str:
+        """Return in words how good a swim was: the value of every goal, in the order of the goals."""
+        return ", ".join(goal.shown(measured[goal.name]) for goal in self.measures)
+
     def missed(self, measured: Mapping[str, float]) -> list[str]:
         """Return in words which constraints a swim misses."""
         said = (each.missed(measured[each.measure.name]) for each in self.constraints)
         return [text for text in said if text]
-
-
-def violation(excesses: Sequence[float]) -> float:
-    """Return one number for how much is missed: the sum of what is above 0 (Deb 2000); 0 where all is met."""
-    return math.fsum(max(excess, 0.0) for excess in excesses)
 
 
 def _check_pair(one: Constraint, other: Constraint) -> None:

@@ -244,8 +244,8 @@ class Optimizer:
                 continue
             if swimmer.plant.state is None and now - self._start_at < min(_FIRST_WORD, self._plan.timeouts.find):
                 continue  # its limits are looked at before anything is proposed
-            if swimmer.cut_gait:
-                self._give_up(f"{swimmer.namespace}: {swimmer.cut_gait}")
+            if refusal := swimmer.cut_gait or swimmer.untold:
+                self._give_up(f"{swimmer.namespace}: {refusal}")
                 return _IDLE_PERIOD
             if missing := shortage(self._study.folder, self._plan.minimum_free):
                 self._give_up(missing)
@@ -347,7 +347,7 @@ class Optimizer:
             plan.gait.at_rest,
             plan.measurement,
             plan.timeouts,
-            plan.wants_cost,
+            plan.settings.goals,
             differences=self._study.keep_or_compare,
         )
 

@@ -8,6 +8,7 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from fin_optimizer.gait_parameters import beat_of, gait_from_parameters
+from fin_optimizer.goals import Goals
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER_PARAMETERS
 from fin_optimizer.score.mean_speed import Measurement
 from fin_optimizer.search.algorithms import search
@@ -18,7 +19,7 @@ from fin_optimizer.study.file_names import SETTINGS_FILE
 from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.ledger import Study
-from fin_optimizer.study.settings import Objective, Policy, Settings, begun_by_default, sent_parameters
+from fin_optimizer.study.settings import CONSTRAINTS, Policy, Settings, begun_by_default, sent_parameters
 from fin_optimizer.trial.phases import Timeouts
 from fin_optimizer.words import MODULUS
 from fin_plant.fin import AREA, Fin
@@ -97,7 +98,7 @@ class StudyPlan:
             ValueError: A range that is upside down, a fin that cannot be, or a search that does not fit.
         """
         values = {**values, **_of_its_time(values)}
-        objective = Objective(values["objective"])
+        goals = Goals.of_objective(values["objective"], values["constraints"])
         fin = Fin.from_parameters(values)
         gait = gait_from_parameters(values)
         given = _space_file(values, len(gait.joints))
@@ -105,11 +106,11 @@ class StudyPlan:
             varied = _varied(values)
             space = Space(tuple(Dimension(name, v.minimum, v.maximum, unit=_unit(name)) for name, v in varied.items()))
             deviations = {name: v.step_deviation for name, v in varied.items()}
-            settings = _settings(values, space, objective, fin)
+            settings = _settings(values, space, goals, fin)
         else:
             space, gait = given.space, _widest_gait(given)
             deviations = {d.name: max(_STEP_SHARE * (d.high - d.low), d.step) for d in space.ranges}
-            settings = _settings_of_file(values, given, objective)
+            settings = _settings_of_file(values, given, goals)
         if not gait.moves:
             msg = "the gait moves no joint: give gait.amplitude, gait.joints.amplitude or a bias, in rad"
             raise ValueError(msg)
@@ -123,7 +124,8 @@ class StudyPlan:
                 values["seed"],
                 deviations,
                 values["search.population"],
-                with_cost=objective is Objective.SPEED_AND_COST,
+                objectives=len(goals.measures),
+                constraints=len(goals.constraints),
             ),
             fin=fin,
             gait=gait,
@@ -155,11 +157,6 @@ class StudyPlan:
     def measurement_of(self, gait: Gait) -> Measurement:
         """Return which part of the swim with a gait is scored: its speed is judged beat by beat."""
         return replace(self.measurement, block=beat_of(gait))
-
-    @property
-    def wants_cost(self) -> bool:
-        """Whether the energy per metre is an objective."""
-        return self.settings.objective is Objective.SPEED_AND_COST
 
     def fin_of(self, values: Mapping[str, Any]) -> dict[str, Value]:
         """Return the fin of a candidate as the plant's parameters; the plant itself judges whether it can be."""
@@ -261,20 +258,20 @@ def _plants(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _settings_of_file(values: Mapping[str, Any], given: SpaceFile, objective: Objective) -> Settings:
+def _settings_of_file(values: Mapping[str, Any], given: SpaceFile, goals: Goals) -> Settings:
     """Return the settings of a study whose space is a file's."""
     policy = _built(Policy, values, "")
-    elsewhere = {*asdict(policy), "objective", *_SHORT_FORM, *sent_parameters(values)}
+    elsewhere = {*asdict(policy), "objective", CONSTRAINTS, *_SHORT_FORM, *sent_parameters(values)}
     deciding = OPTIMIZER_PARAMETERS.deciding_swims.keys() - elsewhere
     details: dict[str, object] = {name: value for name, value in values.items() if name in deciding}
-    return Settings(Space(given.space.dimensions), policy, details | dict(given.start), objective, given.rules)
+    return Settings(Space(given.space.dimensions), policy, details | dict(given.start), goals, given.rules)
 
 
-def _settings(values: Mapping[str, Any], space: Space, objective: Objective, fin: Fin) -> Settings:
+def _settings(values: Mapping[str, Any], space: Space, goals: Goals, fin: Fin) -> Settings:
     policy = _built(Policy, values, "")
-    elsewhere = {*asdict(policy), "objective", *space.names}
+    elsewhere = {*asdict(policy), "objective", CONSTRAINTS, *space.names}
     deciding = OPTIMIZER_PARAMETERS.deciding_swims.keys() - elsewhere
     details: dict[str, object] = {name: value for name, value in values.items() if name in deciding}
     if _LENGTH in space.names:
         details[AREA] = fin.area
-    return Settings(space, policy, details, objective)
+    return Settings(space, policy, details, goals)

@@ -6,6 +6,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Protocol, TextIO
 
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import show_speed, show_values, trial_name
 
@@ -68,16 +69,18 @@ def display(
 def summary(trial: TrialRecord) -> str:
     """Return a finished trial in a few words."""
     if trial.outcome is Outcome.OK and trial.score is not None:
-        cost = "" if trial.cost is None else f"  {trial.cost:.4g} J/m"
-        return f"{show_values(trial.values)}  {show_speed(trial.score)}{cost}"
+        others = [MEASURES[name].shown(value) for name, value in trial.measured.items() if name != MEAN_SPEED]
+        return "  ".join([show_values(trial.values), show_speed(trial.score), *others])
     return f"{show_values(trial.values)}  {trial.outcome.value}: {trial.reason}"
 
 
 def show_best(best: Candidate | None) -> str:
     """Return the best candidate in a few words."""
-    if best is None or best.score is None:
+    if best is None or not best.measured:
         return "best: none yet"
-    return f"best {show_speed(best.score)} at {show_values(best.values)}"
+    first = best.goals.measures[0]
+    missed = " (misses a constraint)" if best.missed else ""
+    return f"best {first.shown(best.measured[first.name])}{missed} at {show_values(best.values)}"
 
 
 def show_about(seconds: float) -> str:

@@ -6,6 +6,7 @@ import math
 import os
 from typing import TYPE_CHECKING, Any
 
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.search.names import AMPLITUDE, FREQUENCY, drive_place, height_place, parameter
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _SHOWN_AS = {
 }
 CM = 1e-2
 
-SPEED, SPREAD, ENERGY_PER_METRE = "speed [m/s]", "spread [m/s]", "energy per metre [J/m]"
+SPEED, SPREAD = MEASURES[MEAN_SPEED].column, "spread [m/s]"
 """Heads of tables that programs read, for what a trial achieved."""
 
 

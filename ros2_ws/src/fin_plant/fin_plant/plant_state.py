@@ -28,6 +28,10 @@ SLOWEST_PACE = "slowest_pace"
 """Detail of a plant that need not keep the wall's time: s of its own that it swims at least in one of the wall's."""
 STARTS_AT_REST = "starts_at_rest"
 """Detail of a plant whose reset leaves fish and water at rest: ``true``. Of any other, its velocity has to tell."""
+TELLS = "tells"
+"""Detail of a plant that says which of `SERVO_TORQUE` and `THRUST` its streams tell, commas between. Of any other, its
+messages have to show it."""
+SERVO_TORQUE, THRUST = "torque in joint_states", "thrust"
 PACE_OF_A_ROBOT = 0.5
 """A real fish keeps the wall's time; half of it leaves room for a tracker that stutters."""
 
@@ -127,6 +131,12 @@ class PlantState:
     def starts_at_rest(self) -> bool:
         """Whether a reset leaves fish and water at rest, so that nobody need wait for it."""
         return self.details.get(STARTS_AT_REST) == "true"
+
+    @property
+    def tells(self) -> frozenset[str] | None:
+        """What its streams tell beside the velocity, of `SERVO_TORQUE` and `THRUST`; None where it does not say so."""
+        said = self.details.get(TELLS)
+        return None if said is None else frozenset(word.strip() for word in said.split(",") if word.strip())
 
     @property
     def waits_for_people(self) -> bool:

@@ -15,7 +15,7 @@ from fin_plant.fish_model import BodyShape, robot_links, urdf
 from fin_plant.gait import Gait
 from fin_plant.messages import as_text, gait_message, key_values, plant_state_message, time_message
 from fin_plant.model_topics import DescriptionTopic
-from fin_plant.plant_state import LIMITS, PlantState, State, joint_details
+from fin_plant.plant_state import LIMITS, TELLS, PlantState, State, joint_details
 from fin_servo_driver.diagnosis import describe
 from fin_servo_driver.robot_states import Waiting
 from fin_servo_driver.wall_clock import stamp_of
@@ -92,6 +92,7 @@ class DriverTopics:
         details = {"waiting_for": standing.waiting.value if standing.waiting else ""}
         details |= {name: as_text(values[name]) for name in LIMITS}
         details |= joint_details(limits) if limits else {}
+        details[TELLS] = ""  # no device of it measures a torque
         if standing.waiting is Waiting.FIN:
             details |= {f"wanted.{name}": as_text(values[name]) for name in FIN_PARAMETERS}
         mounted = {name: as_text(value) for name, value in (states.mounted or {}).items()}

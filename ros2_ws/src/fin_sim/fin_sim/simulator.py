@@ -34,8 +34,11 @@ from fin_plant.plant_state import (
     EMERGENCY,
     LIMITS,
     RELEASE,
+    SERVO_TORQUE,
     SLOWEST_PACE,
     STARTS_AT_REST,
+    TELLS,
+    THRUST,
     PlantState,
     State,
 )
@@ -195,6 +198,7 @@ class Simulator:
         details = {name: as_text(self._values[name]) for name in LIMITS}
         details[DRIVEN_JOINTS] = str(sum(self._stepper.chain.driven))
         details |= {SLOWEST_PACE: as_text(_SLOWEST_PACE), STARTS_AT_REST: "true"}
+        details[TELLS] = f"{SERVO_TORQUE}, {THRUST}"
         if self._stopped:
             details["waiting_for"] = RELEASE
         reason = "; ".join(filter(None, (self._reason, self._parameters.awaited)))

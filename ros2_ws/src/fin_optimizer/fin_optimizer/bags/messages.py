@@ -119,7 +119,14 @@ def velocity_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDAr
     return stamps, speeds
 
 
-VELOCITY_TYPE = "geometry_msgs/msg/TwistStamped"
+def yaw_rate_samples(messages: Sequence[bytes]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return header stamps in ns and yaw rates in rad/s, both (n,), of serialised TwistStamped."""
+    stamps = np.fromiter(map(header_stamp, messages), dtype=np.int64, count=len(messages))
+    twists = (cast("TwistStampedLike", decode(data, VELOCITY_TYPE)) for data in messages)
+    return stamps, np.fromiter((item.twist.angular.z for item in twists), dtype=np.float64, count=len(messages))
+
+
+VELOCITY_TYPE, WRENCH_TYPE = "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/WrenchStamped"
 HEALTH_TYPE = "diagnostic_msgs/msg/DiagnosticArray"
 _HEADER_TYPE = "std_msgs/msg/Header"
 _STAMP_END = 12  # bytes: 4 of CDR encapsulation, 4 of seconds, 4 of nanoseconds

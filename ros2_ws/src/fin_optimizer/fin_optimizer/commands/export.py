@@ -12,8 +12,8 @@ from fin_optimizer.study.candidate import candidates
 from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.records import read_trials
-from fin_optimizer.study.report import varied
-from fin_optimizer.words import ENERGY_PER_METRE, SPEED, with_unit
+from fin_optimizer.study.report import measures_of, varied
+from fin_optimizer.words import SPEED, with_unit
 from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
 
@@ -42,16 +42,25 @@ def columns(settings: Settings, trials: Sequence[TrialRecord]) -> list[Column]:
         ("outcome", "string", lambda trial, _: trial.outcome.value),
         (SPEED, "double", lambda trial, _: trial.score),
         ("spread within the swim [m/s]", "double", lambda trial, _: trial.spread),
-        (ENERGY_PER_METRE, "double", lambda trial, _: trial.cost),
+        *((each.column, "double", _measured(each.name)) for each in measures_of(settings)),
         ("samples", "int64", lambda trial, _: trial.samples or None),
         ("mean speed of the fin [m/s]", "double", lambda _, candidate: candidate.score),
         ("spread between its repeats [m/s]", "double", lambda _, candidate: candidate.spread),
+        *([("misses", "string", _missed)] if settings.goals.constraints else []),
         ("started [UTC]", "timestamp[us, tz=UTC]", lambda trial, _: trial.started),
         ("ended [UTC]", "timestamp[us, tz=UTC]", lambda trial, _: trial.ended),
         ("plant", "string", lambda trial, _: trial.plant),
         ("bag", "string", lambda trial, _: trial.bag),
         ("reason", "string", lambda trial, _: trial.reason),
     ]
+
+
+def _measured(name: str) -> Callable[[TrialRecord, Candidate], object]:
+    return lambda trial, _: trial.measured.get(name)
+
+
+def _missed(_: TrialRecord, candidate: Candidate) -> str:
+    return "; ".join(candidate.missed)
 
 
 def _value_of(settings: Settings, name: str) -> Callable[[TrialRecord, Candidate], object]:
@@ -78,7 +87,7 @@ def export(study: Path, folder: Path) -> list[Path]:
     from pyarrow import csv, parquet  # noqa: PLC0415
 
     settings, trials = read_settings(study), read_trials(study)
-    tried = {candidate.number: candidate for candidate in candidates(trials)}
+    tried = {candidate.number: candidate for candidate in candidates(trials, settings.goals)}
     wanted = columns(settings, trials)
     types = {"timestamp[us, tz=UTC]": pa.timestamp("us", "UTC")}
     table = pa.table(

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fin_optimizer.goals import BETWEEN_CONSTRAINTS, MEAN_SPEED
 from fin_optimizer.progress import show_best
-from fin_optimizer.study.candidate import candidates, fastest, front
+from fin_optimizer.study.candidate import best_of, candidates, front, rank
 from fin_optimizer.study.file_names import FIGURE_FILE, SETTINGS_FILE
 from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.records import read_ledger
 from fin_optimizer.study.report import varied
-from fin_optimizer.study.settings import Objective
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import in_words, show_number, trial_name
 from fin_plant.figures import FORMATS, check_picture
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.study.candidate import Candidate, TrialRecord
     from fin_optimizer.study.settings import Settings
 
@@ -42,8 +43,8 @@ _WITH_REASON = {Outcome.FAILED, Outcome.INTERRUPTED, Outcome.INFEASIBLE}
 
 
 def ranking(tried: Sequence[Candidate]) -> list[Candidate]:
-    """Return the candidates by speed, the best first; those without a score follow in the order they were tried."""
-    return sorted(tried, key=lambda c: (c.score is None, -(c.score or 0.0), c.number))
+    """Return the candidates, the best first; those without a score follow in the order they were tried."""
+    return sorted(tried, key=rank, reverse=True)
 
 
 @dataclass(frozen=True)
@@ -82,13 +83,20 @@ def _columns(settings: Settings, ranked: Sequence[Candidate], chosen: Collection
     columns += [
         _Column("speed\n(cm/s)", ["" if c.score is None else f"{c.score * 100:#.4g}" for c in ranked]),
         _Column("±\n(cm/s)", ["" if c.spread is None else f"{c.spread * 100:.2g}" for c in ranked], 3),
-        _Column("cost\n(J/m)", ["" if c.cost is None else f"{c.cost:#.4g}" for c in ranked]),
+        *(_measured(each, ranked) for each in settings.goals.asked if each.name != MEAN_SPEED),
+        _Column("misses", [", ".join(c.missed_measures) for c in ranked]),
         _Column("front", ["*" if c.number in chosen else "" for c in ranked], 2),
         _Column("swims", swims if several else [], 5),
         _Column("FAILED", [_count(c, Outcome.FAILED) for c in ranked], 4),
         _Column("INTER-\nRUPTED", [_count(c, Outcome.INTERRUPTED) for c in ranked], 6),
     ]
     return [column for column in columns if any(column.cells)]
+
+
+def _measured(of: Measure, ranked: Sequence[Candidate]) -> _Column:
+    unit, factor = of.shown_in
+    cells = [f"{c.measured[of.name] / factor:#.4g}" if c.measured else "" for c in ranked]
+    return _Column("\n".join([*of.words.split(" "), f"({unit})"]), cells)
 
 
 def _count(candidate: Candidate, outcome: Outcome) -> str:
@@ -113,14 +121,14 @@ def study_table(
     """
     from rich.text import Text  # noqa: PLC0415  (a tenth of a second, which only the terminal's user spends)
 
-    tried = candidates(trials)
+    tried = candidates(trials, settings.goals)
     yield Text(_title(settings, trials))
-    best = fastest(tried)
+    best = best_of(tried)
     if best is not None:
         names = ", ".join(f"{trial.number:04d}" for trial in best.trials if trial.score is not None)
         yield Text(f"{show_best(best)} (trial {names})", style="bold green")
-    with_cost = settings.objective is Objective.SPEED_AND_COST
-    chosen = {candidate.number for candidate in front(tried)} if with_cost else set()
+    several = len(settings.goals.measures) > 1
+    chosen = {candidate.number for candidate in front(tried)} if several else set()
     shown = ranking(tried)[:limit]
     if not shown:
         return
@@ -175,7 +183,8 @@ def _title(settings: Settings, trials: Sequence[TrialRecord]) -> str:
     counted = Counter(trial.outcome for trial in trials)
     said = ", ".join(f"{counted[word]} {word}" for word in Outcome if counted[word]) or "no trial yet"
     repeats = settings.policy.repeats
-    return f"{settings.objective.value}, {repeats} {'swim' if repeats == 1 else 'swims'} a fin: {said}"
+    goals = BETWEEN_CONSTRAINTS.join([settings.goals.objective, *(each.text for each in settings.goals.constraints)])
+    return f"{goals}, {repeats} {'swim' if repeats == 1 else 'swims'} a fin: {said}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

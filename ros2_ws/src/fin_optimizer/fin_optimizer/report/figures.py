@@ -20,6 +20,7 @@ from fin_optimizer.words import CM, in_words, show_number, show_speed, show_valu
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.report.simulated import Curve, Map
     from fin_optimizer.search.space import AnyDimension, Space
     from fin_optimizer.study.candidate import Candidate, TrialRecord
@@ -342,29 +343,32 @@ def repeats(some: Sequence[Candidate]) -> Figure:
     return figure([*data, means], {"type": "category"}, titled(SPEED_LABEL))
 
 
-def front(tried: Sequence[Candidate], chosen: Sequence[Candidate]) -> Figure:
-    """Return speed and energy per metre of every candidate, those of the Pareto front joined."""
-    known = [c for c in tried if c.score is not None and c.cost is not None]
+def front(tried: Sequence[Candidate], chosen: Sequence[Candidate], goals: Sequence[Measure]) -> Figure:
+    """Return two measures of every candidate, those of the Pareto front joined."""
+    known = [c for c in tried if c.measured]
     known = [known[index] for index in some_of(len(known))]
+
+    def shown(candidates: Sequence[Candidate], goal: Measure) -> list[float | None]:
+        return numbers(candidate.measured[goal.name] / goal.shown_in[1] for candidate in candidates)
+
+    def say(candidate: Candidate) -> str:
+        return ", ".join([say_candidate(candidate), *(goal.told(candidate.measured[goal.name]) for goal in goals)])
+
+    first, second = goals
     points = dots(
-        numbers((c.score or 0.0) / CM for c in known),
-        numbers(c.cost for c in known),
-        f"fins ({len(known)})",
-        [f"{say_candidate(c)}, {c.cost:.4g} J/m" for c in known],
-        color=QUIET,
-        size=6,
+        shown(known, first), shown(known, second), f"fins ({len(known)})", list(map(say, known)), color=QUIET, size=6
     )
     ends = line(
-        numbers((c.score or 0.0) / CM for c in chosen),
-        numbers(c.cost for c in chosen),
+        shown(chosen, first),
+        shown(chosen, second),
         f"Pareto front ({len(chosen)})",
         RED,
-        text=[html.escape(f"{say_candidate(c)}, {c.cost:.4g} J/m") for c in chosen],
+        text=[html.escape(say(candidate)) for candidate in chosen],
         hovertemplate="%{text}<extra></extra>",
         mode="lines+markers",
     )
     ends["marker"] = {"size": 9, "symbol": "diamond"}
-    return figure([points, ends], titled(SPEED_LABEL), titled("energy per metre (J/m)"))
+    return figure([points, ends], titled(first.axis), titled(second.axis))
 
 
 def importance(shares: Mapping[str, float]) -> Figure:

@@ -19,7 +19,7 @@ from fin_optimizer.report.simulated import (
     numbers_of,
     to_swim_again,
 )
-from fin_optimizer.study.candidate import candidates, fastest
+from fin_optimizer.study.candidate import best_of, candidates
 from fin_optimizer.study.simulated_curve import SimulatedFish
 from fin_optimizer.trial.result import Outcome
 from fin_plant.fin import node_table
@@ -65,7 +65,7 @@ class StudyFacts:
     @cached_property
     def tried(self) -> list[Candidate]:
         """Its candidates in the order they were proposed."""
-        return candidates(self.trials)
+        return candidates(self.trials, self.settings.goals)
 
     @cached_property
     def scored(self) -> list[Candidate]:
@@ -75,7 +75,7 @@ class StudyFacts:
     @cached_property
     def best(self) -> Candidate | None:
         """The fastest."""
-        return fastest(self.tried)
+        return best_of(self.tried)
 
     @cached_property
     def without_score(self) -> list[TrialRecord]:
@@ -119,8 +119,8 @@ def simulate(
         cache: Where speeds once computed are kept; nowhere if left out.
         versions: Of what computes them; others are computed anew.
     """
-    tried = candidates(trials)
-    best = fastest(tried)
+    tried = candidates(trials, settings.goals)
+    best = best_of(tried)
     swum_by = SimulatedFish.of(settings, fish)
     default = cast("Mapping[str, Value]", node_table("fin_sim", "simulator").checked({}))
     swimmer = swum_by or SimulatedFish.of(settings, default)

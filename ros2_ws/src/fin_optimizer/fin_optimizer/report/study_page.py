@@ -6,12 +6,12 @@ import json
 from collections import Counter
 from typing import TYPE_CHECKING
 
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.report import figures
 from fin_optimizer.report.parts import Cell, Column, Facts, Film, Page, Plot, Section, Table
 from fin_optimizer.study.candidate import front, rank
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.report import varied
-from fin_optimizer.study.settings import Objective
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import CM, in_words, show_number, show_speed, show_values, with_unit
 from fin_plant.checks import counted
@@ -20,6 +20,7 @@ from fin_plant.fin import node_table
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.report.parts import Block
     from fin_optimizer.report.study_facts import StudyFacts
     from fin_optimizer.study.candidate import Candidate, TrialRecord
@@ -60,8 +61,11 @@ def lead(facts: StudyFacts) -> list[str]:
         swims = sum(trial.score is not None for trial in best.trials)
         said += f", with a standard deviation of {best.spread / CM:.2g} cm/s between {swims} swims"
     sentences = [f"{said}."]
-    if best.cost is not None:
-        sentences.append(f"It takes {best.cost:.4g} J a metre.")
+    others = [MEASURES[name].told(value) for name, value in best.measured.items() if name != MEAN_SPEED]
+    if others:
+        sentences.append(f"Of it was measured: {', '.join(others)}.")
+    if best.missed:
+        sentences.append(f"No fin meets all constraints; of the best, {' and '.join(best.missed)}.")
     return sentences
 
 
@@ -130,10 +134,13 @@ def _searched(facts: StudyFacts, best: Candidate) -> Section:
         if shares:
             told = "Which parameter decides: how far the best tenth of the fins differs from all in each (PED-ANOVA)."
             blocks.append(Plot(figures.importance(shares), told, 120 + 40 * len(shares)))
-    if facts.settings.objective is Objective.SPEED_AND_COST:
+    goals = facts.settings.goals.measures
+    if len(goals) > 1:
         chosen = front(facts.tried)
-        told = "Fins of which none is both faster and cheaper: the Pareto front."
-        blocks.append(Plot(figures.front(facts.tried, chosen), told))
+        told = f"Fins than which none is better in {goals[0].words} and {goals[1].words} at once: the Pareto front."
+        if len(goals) > len(goals[:2]):
+            told = f"The Pareto front of {', '.join(goal.words for goal in goals)}; here the first two of them."
+        blocks.append(Plot(figures.front(facts.tried, chosen, goals[:2]), told))
     return Section("searched", "Speed over what was searched", [said], blocks)
 
 
@@ -194,6 +201,10 @@ def _against(facts: StudyFacts) -> Section | None:
 # -- tables ------------------------------------------------------------------------------------------------------------
 
 
+def _measured(of: Measure, value: float | None) -> Cell:
+    return Cell("" if value is None else f"{value / of.shown_in[1]:.4g}", value)
+
+
 def _trials(facts: StudyFacts) -> Section | None:
     if not facts.trials:
         return None
@@ -201,8 +212,8 @@ def _trials(facts: StudyFacts) -> Section | None:
     names = varied(facts.settings, [trial.values for trial in chosen])
     columns = [Column("trial"), Column("fin"), *(_column(name) for name in names), Column("outcome", is_number=False)]
     columns += [Column("speed", "cm/s"), Column("± within", "cm/s", is_minor=True)]
-    with_cost = any(trial.cost is not None for trial in chosen)
-    columns += [Column("energy", "J/m")] if with_cost else []
+    asked = [each for each in facts.settings.goals.asked if each.name != MEAN_SPEED]
+    columns += [Column(each.words, each.shown_in[0]) for each in asked]
     several = len({trial.plant for trial in facts.trials}) > 1
     columns += [Column("plant", is_number=False, is_minor=True)] if several else []
     columns += [Column("begun", is_number=False, is_minor=True), Column("bag", is_number=False, is_minor=True)]
@@ -214,7 +225,7 @@ def _trials(facts: StudyFacts) -> Section | None:
         row = [Cell(f"{trial.number:04d}", trial.number), Cell(str(trial.candidate + 1), trial.candidate)]
         row += [_value(told.get(name), name) for name in names]
         row += [Cell(trial.outcome.value), _speed(trial.score), _speed(trial.spread, 2)]
-        row += [Cell("" if trial.cost is None else f"{trial.cost:.4g}", trial.cost)] if with_cost else []
+        row += [_measured(each, trial.measured.get(each.name)) for each in asked]
         row += [Cell(trial.plant)] if several else []
         begun = trial.started
         row.append(Cell(f"{begun:%m-%d %H:%M:%S}", begun.timestamp()) if begun is not None else Cell(""))

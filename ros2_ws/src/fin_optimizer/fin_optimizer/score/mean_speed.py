@@ -290,26 +290,36 @@ def _speed_before(stamps: NDArray[np.int64], speed: NDArray[np.float64], start: 
 
 
 def mean_power(stamps_ns: NDArray[np.int64], power: NDArray[np.float64], window: Window) -> float:
-    """Return the mean over the window of a power, in W; as `score` takes it of a speed.
+    """Return the mean over the window of the servos' power, in W; see `mean_value`."""
+    nothing = "no power: effort or velocity of the tail's joints is missing or not finite"
+    return mean_value(stamps_ns, power, window, "joint_states", nothing)
+
+
+def mean_value(
+    stamps_ns: NDArray[np.int64], values: NDArray[np.float64], window: Window, topic: str, nothing: str
+) -> float:
+    """Return the mean over the window of what a topic tells, in its unit; as `score` takes it of a speed.
 
     Args:
         stamps_ns: Header stamps in ns, shape (n,), strictly increasing.
-        power: In W, shape (n,); finite inside the window.
+        values: Shape (n,); finite inside the window.
         window: What counts.
+        topic: For messages.
+        nothing: What the topic's messages tell where a value is not finite, for messages.
 
     Raises:
         ScoreError: Arrays that do not fit each other, stamps that repeat or run backwards, a gap longer than
-            LONGEST_GAP, or a power that is not finite.
+            LONGEST_GAP, or a value that is not finite.
     """
-    _check_order(stamps_ns, power, "joint_states")
+    _check_order(stamps_ns, values, topic)
     inside = (stamps_ns >= window.start_ns) & (stamps_ns <= window.end_ns)
-    _check_gaps(stamps_ns[inside], window, "joint_states")
+    _check_gaps(stamps_ns[inside], window, topic)
     reach = round(LONGEST_GAP * NANOSECONDS)
-    near = (stamps_ns >= window.start_ns - reach) & (stamps_ns <= window.end_ns + reach) & np.isfinite(power)
-    if not np.isfinite(power[inside]).all():
-        msg = "joint_states tell no power: effort or velocity of the tail's joints is missing or not finite"
+    near = (stamps_ns >= window.start_ns - reach) & (stamps_ns <= window.end_ns + reach) & np.isfinite(values)
+    if not np.isfinite(values[inside]).all():
+        msg = f"{topic} tell {nothing}" if topic == "joint_states" else f"{topic} tells {nothing}"
         raise ScoreError(msg)
-    return _time_average(stamps_ns[near], power[near], window.start_ns, window.end_ns)
+    return _time_average(stamps_ns[near], values[near], window.start_ns, window.end_ns)
 
 
 def _check_order(stamps: NDArray[np.int64], speed: NDArray[np.float64], topic: str = "velocity") -> None:

@@ -1,4 +1,4 @@
-"""A whole swim: where it starts, what its servos spend, and its score."""
+"""A whole swim: where it starts, its score, and what else is asked of it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fin_optimizer.bags.messages import decode
+from fin_optimizer.bags.messages import decode, header_stamp
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.score.joints import JOINT_STATE_TYPE, joint_columns
 from fin_optimizer.score.mean_speed import (
     Measurement,
@@ -16,11 +17,11 @@ from fin_optimizer.score.mean_speed import (
     ScoreError,
     Window,
     check_swim,
-    mean_power,
     score,
 )
+from fin_optimizer.score.measured import DRIVEN_PREFIX, Figures
 from fin_plant import validity
-from fin_plant.plant_state import State
+from fin_plant.plant_state import SERVO_TORQUE, THRUST, State
 from fin_plant.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -28,12 +29,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.score.joints import Joints
 
 _STAMP_KEY = "stamp_ns"  # as fin_plant.messages writes it; that module needs ROS, which a bag does not
 _FIN_PREFIX = "fin."
-_DRIVEN_PREFIX = "tail_joint"
-"""What the names of the driven joints start with; the fin's own hinges are springs and take no power from a servo."""
 
 
 def start_of_swim(states: Iterable[Any], metadata: Mapping[str, str]) -> int:
@@ -73,7 +73,7 @@ def tail_angle(message: bytes) -> float:
     """Return the largest angle in rad of the driven joints in a serialised JointState; 0 without any."""
     joints = decode(message, JOINT_STATE_TYPE)
     pairs = zip(joints.name, joints.position, strict=False)
-    return max((abs(float(angle)) for name, angle in pairs if name.startswith(_DRIVEN_PREFIX)), default=0.0)
+    return max((abs(float(angle)) for name, angle in pairs if name.startswith(DRIVEN_PREFIX)), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -85,27 +85,31 @@ class SwimRecord:
         states: Messages of ``plant_state``, decoded.
         joint_states: Serialised messages; None where nobody recorded any.
         metadata: Of the bag: which part of the swim counts (`Measurement.metadata`), and which fin it is about.
+        velocity_messages: Those that ``velocity`` was read from, serialised, where more than the speed is asked for.
+        thrust: Serialised messages, where anything of them is asked for.
     """
 
     velocity: tuple[NDArray[np.int64], NDArray[np.float64]]
     states: Iterable[Any]
     joint_states: Sequence[bytes] | None
     metadata: Mapping[str, str]
+    velocity_messages: Sequence[bytes] = ()
+    thrust: Sequence[bytes] = ()
 
 
-def score_swim(record: SwimRecord, *, with_cost: bool) -> tuple[Score, float | None]:
-    """Return the score of a swim and its energy per metre in J/m: of a trial that has just ended, and of its bag.
+def score_swim(record: SwimRecord, asked: Iterable[Measure] = ()) -> tuple[Score, dict[str, float]]:
+    """Return the score of a swim and what was asked for, of a trial that has just ended as of its bag.
 
-    The energy is the servos' mean mechanical power over the mean speed. None without
-    headway, where there is no such thing, and where it is not asked for.
+    The second are measures by name in SI, the mean speed always among them; NaN where the swim has none of it, as
+    energy per metre without headway (`why_none`).
 
     Args:
         record: Of the whole swim.
-        with_cost: Whether the energy per metre is asked for.
+        asked: What is asked for beside the mean speed.
 
     Raises:
-        ScoreError: The samples give no score, or no power; they end before the window does; the fin folded; or they
-            are those of no swim from rest.
+        ScoreError: The samples give no score, or do not tell what is asked for; they end before the window does; the
+            fin folded; or they are those of no swim from rest.
     """
     start = start_of_swim(record.states, record.metadata)
     measurement = Measurement.from_metadata(record.metadata)
@@ -114,29 +118,18 @@ def score_swim(record: SwimRecord, *, with_cost: bool) -> tuple[Score, float | N
     refuse_folded(joints)
     scored = score(*record.velocity, window, block=measurement.block, largest_speed=measurement.largest_speed)
     check_swim(*record.velocity, window, measurement)
-    power = mean_power(*power_samples(joints), window) if with_cost else None
+    wanted = {MEAN_SPEED: MEASURES[MEAN_SPEED], **{each.name: each for each in asked}}.values()
+    figures = Figures(
+        scored, record.velocity, record.velocity_messages, joints, record.thrust, window, measurement.block
+    )
+    measured = figures.of(wanted)
     _check_reaches_end(record.velocity[0], window, "velocity")
-    if power is None:
-        return scored, None
-    _check_reaches_end(np.concatenate([each.stamps for each in joints]), window, "joint_states")
-    return scored, power / scored.value if scored.value > 0.0 else None
-
-
-def power_samples(joints: Sequence[Joints]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return header stamps in ns and the tail servos' mechanical power in W, both (n,); NaN where none is told."""
-    stamps = [each.stamps for each in joints] or [np.zeros(0, dtype=np.int64)]
-    return np.concatenate(stamps), np.concatenate([_power(each) for each in joints] or [np.zeros(0)])
-
-
-def _power(joints: Joints) -> NDArray[np.float64]:
-    driven = [index for index, name in enumerate(joints.names) if name.startswith(_DRIVEN_PREFIX)]
-    told = len(joints.names)
-    if not driven or joints.effort.shape[1] != told or joints.velocity.shape[1] != told:
-        return np.full(joints.stamps.shape, np.nan)
-    power = np.zeros(joints.stamps.shape)
-    for index in driven:
-        power += joints.effort[:, index] * joints.velocity[:, index]
-    return power
+    needs = {need for each in wanted for need in each.needs}
+    if SERVO_TORQUE in needs:
+        _check_reaches_end(np.concatenate([each.stamps for each in joints]), window, "joint_states")
+    if THRUST in needs:
+        _check_reaches_end(np.array([header_stamp(record.thrust[-1])]), window, "thrust")
+    return scored, measured
 
 
 def refuse_folded(joints: Sequence[Joints]) -> None:

@@ -159,9 +159,9 @@ class CmaEs:
                 f"generation {len(replay.told)} has {len(generation.scores)} scores, {len(asked)} candidates were asked"
             )
             raise ValueError(msg)
-        known = generation.scores[~np.isnan(generation.scores)]
-        worst = float(known.min()) if known.size else 0.0
-        scores = np.where(np.isnan(generation.scores), worst, generation.scores)
+        scores = generation.ranked()
+        known = np.isfinite(scores)
+        scores = np.where(known, scores, scores[known].min() if known.any() else 0.0)
         # The best half moves mean, step and covariance (eq. 41 to 47, in the library); it looks for the least.
         replay.optimiser.tell([(values, -float(score)) for values, score in zip(asked, scores, strict=True)])
         replay.told.append(generation)

@@ -8,6 +8,7 @@ a whole generation, so that its fins swim side by side.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -31,8 +32,12 @@ class Generation:
 
     Attributes:
         values: Shape (candidates, parameters), the parameters in the order of the space; of a choice its place.
-        scores: Shape (candidates,), more is better; NaN for a candidate that has none.
-        costs: Shape (candidates,), less is better; NaN for a candidate that has none; None where nobody asks.
+        scores: Shape (candidates,), more is better; NaN for a candidate that has none. With several objectives the
+            first of them.
+        others: The further objectives, shape (candidates, objectives - 1), more of each is better; NaN where a
+            candidate has none; None with one objective.
+        excesses: By how much a candidate misses each constraint, 0 or less where it meets it, shape (candidates,
+            constraints); not looked at without a score; None without constraints.
 
     Raises:
         ValueError: Shapes that do not fit, or an infinite score.
@@ -40,15 +45,18 @@ class Generation:
 
     values: NDArray[np.float64]
     scores: NDArray[np.float64]
-    costs: NDArray[np.float64] | None = None
+    others: NDArray[np.float64] | None = None
+    excesses: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if self.values.ndim != 2 or self.scores.shape != self.values.shape[:1]:  # noqa: PLR2004
             msg = f"scores of shape {self.scores.shape} do not fit values of shape {self.values.shape}: give one a row"
             raise ValueError(msg)
-        if self.costs is not None and self.costs.shape != self.scores.shape:
-            msg = f"costs of shape {self.costs.shape} do not fit scores of shape {self.scores.shape}: give one a row"
-            raise ValueError(msg)
+        for name in ("others", "excesses"):
+            more = getattr(self, name)
+            if more is not None and (more.ndim != 2 or len(more) != len(self.scores)):  # noqa: PLR2004
+                msg = f"{name} of shape {more.shape} do not fit scores of shape {self.scores.shape}: give a row each"
+                raise ValueError(msg)
         if np.isinf(self.scores).any():
             msg = (
                 f"score of candidate {int(np.argmax(np.isinf(self.scores)))} is infinite: give NaN where there is none"
@@ -56,8 +64,26 @@ class Generation:
             raise ValueError(msg)
 
     def ranked(self) -> NDArray[np.float64]:
-        """Return the scores with minus infinity for candidates without one: they lose against every other."""
-        return np.where(np.isnan(self.scores), -np.inf, self.scores)
+        """Return what is larger for a better candidate, shape (candidates,): its score, minus infinity without one.
+
+        Where any misses a constraint it is a candidate's place instead: one that meets all is better than one that
+        misses any, and of two that miss some the one that misses less is (Deb, Computer Methods in Applied Mechanics
+        and Engineering 186, 2000).
+        """
+        known = ~np.isnan(self.scores)
+        if not self.violations[known].any():
+            return np.where(known, self.scores, -np.inf)
+        result = np.full(len(known), -np.inf)
+        both = np.column_stack((-self.violations, self.scores))[known]
+        result[known] = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+        return result
+
+    @cached_property
+    def violations(self) -> NDArray[np.float64]:
+        """How much each candidate misses of all constraints, shape (candidates,); see `Evaluation.violation`."""
+        if self.excesses is None:
+            return np.zeros(len(self.scores))
+        return np.asarray(np.maximum(self.excesses, 0.0).sum(axis=1))
 
 
 class PopulationSearch(Protocol):

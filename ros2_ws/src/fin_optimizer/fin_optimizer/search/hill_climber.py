@@ -1,4 +1,4 @@
-"""The paper's hill climber, with one objective or two."""
+"""The paper's hill climber, with one objective or several."""
 
 from __future__ import annotations
 
@@ -63,8 +63,9 @@ class HillClimber:
     variance of 0.1 (GPa^2). A candidate without a score is passed over, so it never becomes the one to step from; while
     nothing has a score yet, the start is drawn anew.
 
-    With two objectives it steps from a fin of the Pareto front, drawn with equal chances, which is the Simple
-    Evolutionary Multi-objective Optimizer of Laumanns, Thiele & Zitzler 2004 with a Gaussian step.
+    With several objectives it steps from a fin of the Pareto front, drawn with equal chances, which is the Simple
+    Evolutionary Multi-objective Optimizer of Laumanns, Thiele & Zitzler 2004 with a Gaussian step. With constraints
+    it steps from the one that misses least while none meets them.
 
     Attributes:
         space: Where to search.
@@ -97,7 +98,7 @@ class HillClimber:
         """Return the candidate that follows ``history``."""
         random = generator(self.seed, len(history))
         # The parent is drawn evenly from the population, which is the front (Laumanns, Thiele & Zitzler 2004: SEMO).
-        front = pareto_front(history)
+        front = pareto_front(history) if any(entry.others for entry in history) else []
         incumbent = history[front[random.integers(len(front))]] if front else best(history)
         if incumbent is None:
             return uniform(self.space, random)

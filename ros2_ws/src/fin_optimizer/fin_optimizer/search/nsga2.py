@@ -1,8 +1,9 @@
 """NSGA-II: a genetic algorithm for several objectives, the next generation as a pure function of those before.
 
 Deb, Pratap, Agarwal & Meyarivan, A Fast and Elitist Multiobjective Genetic Algorithm: NSGA-II, IEEE Trans. Evolutionary
-Computation 6, 2002. Simulated binary crossover and polynomial mutation in their form for bounded numbers, as in the
-authors' own program; a choice is inherited from either parent or chosen anew. Arrays hold a whole generation.
+Computation 6, 2002, with its rule for constraints (section VI). Simulated binary crossover and polynomial mutation in
+their form for bounded numbers, as in the authors' own program; a choice is inherited from either parent or chosen anew.
+Arrays hold a whole generation.
 """
 
 from __future__ import annotations
@@ -40,10 +41,12 @@ class _Survivors:
     Attributes:
         values: Shape (population, parameters).
         objectives: Shape (population, objectives), each to be small; infinite for those without a score.
+        violations: How much they miss of all constraints, shape (population,).
     """
 
     values: Array
     objectives: Array
+    violations: Array
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,6 @@ class Nsga2:
         population: Individuals of a generation, an even number.
         crossover_index: Of the crossover; the larger, the nearer are children to their parents.
         mutation_index: Of the mutation, likewise.
-        with_cost: Whether the cost is an objective beside the score.
 
     Raises:
         ValueError: A number that cannot be.
@@ -67,7 +69,6 @@ class Nsga2:
     population: int = 20
     crossover_index: float = 15.0
     mutation_index: float = 20.0
-    with_cost: bool = False
     _known: list[tuple[Generation, _Survivors]] = field(default_factory=list, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -111,25 +112,26 @@ class Nsga2:
             self._known.append((generation, self._selected(before, generation)))
         return self._known[-1][1] if self._known else None
 
-    def _objectives(self, generation: Generation) -> Array:
+    @staticmethod
+    def _objectives(generation: Generation) -> Array:
         """Return what is to be small, shape (candidates, objectives); infinite where a candidate lacks any of it."""
-        columns = [-generation.scores]
-        if self.with_cost:
-            if generation.costs is None:
-                msg = "a generation has no costs, which are an objective: give one a candidate, NaN where there is none"
-                raise ValueError(msg)
-            columns.append(generation.costs)
-        objectives = np.column_stack(columns)
+        scores = generation.scores[:, None]
+        objectives = -(scores if generation.others is None else np.hstack((scores, generation.others)))
         return np.where(np.isnan(objectives).any(axis=1, keepdims=True), np.inf, objectives)
 
     def _selected(self, before: _Survivors | None, generation: Generation) -> _Survivors:
-        values, objectives = generation.values, self._objectives(generation)
+        values, objectives, violations = generation.values, self._objectives(generation), generation.violations
         if before is not None:
             values = np.vstack((before.values, values))
             objectives = np.vstack((before.objectives, objectives))
+            violations = np.concatenate((before.violations, violations))
         known = np.isfinite(objectives).all(axis=1)
         front = np.full(len(values), len(values), dtype=np.intp)  # those without a score come last
-        front[known] = ranks(objectives[known])
+        meets = known & (violations == 0.0)
+        front[meets] = ranks(objectives[meets])
+        # Those that miss a constraint come behind, the ones that miss less first (Deb et al. 2002, definition 1).
+        misses = known & ~meets
+        front[misses] = front[meets].max(initial=-1) + 1 + np.unique(violations[misses], return_inverse=True)[1]
         order: list[int] = []
         for number in range(len(values) + 1):
             members = np.flatnonzero(front == number)
@@ -140,7 +142,7 @@ class Nsga2:
             if len(order) >= self.population:
                 break
         chosen = np.array(order[: self.population])
-        return _Survivors(values[chosen], objectives[chosen])
+        return _Survivors(values[chosen], objectives[chosen], violations[chosen])
 
     def _drawn(self, survivors: _Survivors | None, random: np.random.Generator) -> Array:
         """Return coordinates of as many candidates as a generation has: drawn evenly, or children of survivors."""

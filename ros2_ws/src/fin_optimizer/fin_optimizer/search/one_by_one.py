@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -71,5 +72,11 @@ class OneByOne:
 
     def _generation(self, tried: Sequence[Evaluation]) -> Generation:
         values = np.array([self.space.row(entry.values) for entry in tried])
-        numbers = np.array([[entry.score, entry.cost] for entry in tried], dtype=float)  # None becomes NaN
-        return Generation(values, numbers[:, 0], numbers[:, 1])
+        scores = np.array([entry.score for entry in tried], dtype=float)  # None becomes NaN
+        return Generation(values, scores, _rows([e.others for e in tried]), _rows([e.excesses for e in tried]))
+
+
+def _rows(numbers: Sequence[tuple[float, ...]]) -> NDArray[np.float64] | None:
+    """Return numbers of candidates as rows, NaN where one has none; None where no candidate has any."""
+    width = max(map(len, numbers))
+    return np.array([each or (math.nan,) * width for each in numbers]) if width else None

@@ -54,6 +54,24 @@ def _general_ranks(objectives: Array) -> NDArray[np.intp]:
     return result
 
 
+def front(objectives: Array) -> list[int]:
+    """Return the places of the points that none dominates, in order; of several that are equal the first.
+
+    Args:
+        objectives: Shape (n, objectives), each to be small; finite.
+    """
+    # Sorted by the first objective, then by the others: no later point dominates one before (Kung, Luccio & Preparata,
+    # J. ACM 22, 1975). Equal points stay in their order.
+    order = np.lexsort(objectives.T[::-1])
+    chosen: list[int] = []
+    points = np.empty_like(objectives)
+    for place in order.tolist():
+        if not (points[: len(chosen)] <= objectives[place]).all(axis=1).any():
+            points[len(chosen)] = objectives[place]
+            chosen.append(place)
+    return sorted(chosen)
+
+
 def crowding(objectives: Array) -> Array:
     """Return how far the neighbours of each point of a front are apart, shape (n,); infinity for its ends.
 

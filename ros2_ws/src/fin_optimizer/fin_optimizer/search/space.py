@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from fin_optimizer.search.pareto import front
 from fin_plant import checks
 
 if TYPE_CHECKING:
@@ -331,8 +332,9 @@ class Evaluation:
     Attributes:
         values: What was tried.
         score: How good it was, more is better; None if it could not be measured or could not be built, or is still
-            being tried.
-        cost: What it took, less is better; None where the study is not about it.
+            being tried. With several objectives the first of them.
+        others: The further objectives, more of each is better.
+        excesses: By how much it misses each constraint, 0 or less where it meets it.
         pending: Whether it is still being tried, or will be again, so that it may have a score yet.
 
     Raises:
@@ -341,14 +343,26 @@ class Evaluation:
 
     values: Mapping[str, Any]
     score: float | None
-    cost: float | None = None
+    others: tuple[float, ...] = ()
+    excesses: tuple[float, ...] = ()
     pending: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("score", "cost"):
-            number = getattr(self, name)
-            if number is not None:
-                checks.number(name, number, advice=f"give None for a trial without a {name}")
+        if self.score is not None:
+            checks.number("score", self.score, advice="give None for a trial without a score")
+        for name in ("others", "excesses"):
+            for number in getattr(self, name):
+                checks.number(name, number, advice="give no score to a trial without it")
+
+    @property
+    def objectives(self) -> tuple[float, ...]:
+        """All objectives, more of each is better; none without a score."""
+        return () if self.score is None else (self.score, *self.others)
+
+    @property
+    def violation(self) -> float:
+        """How much is missed of all constraints: the sum of the excesses above 0, and 0 where all are met."""
+        return math.fsum(max(excess, 0.0) for excess in self.excesses)
 
 
 class Search(Protocol):
@@ -369,28 +383,24 @@ class Search(Protocol):
 
 
 def best(history: Iterable[Evaluation]) -> Evaluation | None:
-    """Return the evaluation with the highest score, of equals the first; None if nothing was scored."""
+    """Return the evaluation with the highest score, of equals the first; None if nothing was scored.
+
+    One that meets all constraints is better than one that misses any, and of two that miss some the one that misses
+    less is (Deb, Computer Methods in Applied Mechanics and Engineering 186, 2000).
+    """
     scored = [evaluation for evaluation in history if evaluation.score is not None]
-    return max(scored, key=lambda evaluation: evaluation.score or 0.0, default=None)
+    return max(scored, key=lambda evaluation: (-evaluation.violation, evaluation.score or 0.0), default=None)
 
 
 def pareto_front(history: Sequence[Evaluation]) -> list[int]:
-    """Return the places in ``history`` of the evaluations than which none is both as fast and as cheap, in order.
+    """Return the places in ``history`` of the evaluations than which none is better in every objective, in order.
 
-    Of several that are equal in both, the first one counts. Those without a score or without a cost do not.
+    Of several that are equal in all, the first one counts. Those without a score do not, nor do those that miss a
+    constraint.
     """
-    # Maxima of plane vectors in one pass over the sorted ones (Kung, Luccio & Preparata, J. ACM 22, 1975).
-    known = [
-        (-entry.score, entry.cost, place)
-        for place, entry in enumerate(history)
-        if entry.score is not None and entry.cost is not None
-    ]
-    chosen, cheapest = [], math.inf
-    for _, cost, place in sorted(known):  # the fastest first, so each next one must be cheaper than all before
-        if cost < cheapest:
-            chosen.append(place)
-            cheapest = cost
-    return sorted(chosen)
+    places = [place for place, entry in enumerate(history) if entry.score is not None and not entry.violation]
+    objectives = -np.array([history[place].objectives for place in places])
+    return [places[number] for number in front(objectives)] if places else []
 
 
 def generator(seed: int, number: int) -> np.random.Generator:

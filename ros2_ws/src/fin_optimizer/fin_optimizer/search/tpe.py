@@ -1,13 +1,15 @@
 """The tree-structured Parzen estimator of Optuna, asked for each candidate with the whole history and its own seed.
 
-Bergstra, Bardenet, Bengio & Kegl, Algorithms for Hyper-Parameter Optimization, 2011; with two objectives Ozaki et al.
-2022. The library draws its random numbers from one stream, so a study that is gone on with would go on elsewhere in it.
-Here every candidate has a sampler of its own, and Optuna's study is the history and nothing else.
+Bergstra, Bardenet, Bengio & Kegl, Algorithms for Hyper-Parameter Optimization, 2011; with several objectives Ozaki et
+al. 2022. A candidate that misses a constraint is worse than all that miss none, and one that misses less is better.
+The library draws its random numbers from one stream, so a study that is gone on with would go on elsewhere in it. Here
+every candidate has a sampler of its own, and Optuna's study is the history and nothing else.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +70,8 @@ class Tpe:
     Attributes:
         space: Where to search; ranges, steps and choices.
         seed: Of all its random numbers, 0 or more.
-        with_cost: Whether the cost is an objective too.
+        objectives: How many objectives there are.
+        constraints: How many constraints there are.
 
     Raises:
         ValueError: A seed that cannot be.
@@ -76,14 +79,15 @@ class Tpe:
 
     space: Space
     seed: int
-    with_cost: bool = False
+    objectives: int = 1
+    constraints: int = 0
     _trials: dict[int, tuple[Evaluation, FrozenTrial]] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         checks.whole_number("seed", self.seed, 0)
 
     def __getstate__(self) -> dict[str, object]:
-        return {"space": self.space, "seed": self.seed, "with_cost": self.with_cost, "_trials": {}}
+        return {**{field.name: getattr(self, field.name) for field in fields(self)}, "_trials": {}}
 
     @cached_property
     def _distributions(self) -> dict[str, BaseDistribution]:
@@ -91,9 +95,7 @@ class Tpe:
 
     @cached_property
     def _storage(self) -> _History:
-        return _History(
-            [StudyDirection.MAXIMIZE, StudyDirection.MINIMIZE] if self.with_cost else [StudyDirection.MAXIMIZE]
-        )
+        return _History([StudyDirection.MAXIMIZE] * self.objectives)
 
     def needed(self, number: int) -> int:  # noqa: ARG002  (as every search)
         """Return 0: what still swims counts as not good until it has a score."""
@@ -119,8 +121,8 @@ class Tpe:
         )
         sampler = TPESampler(seed=int(random.integers(_LARGEST_SEED)), constant_liar=True)
         for _ in range(_REDRAWS):
-            # In one go for one objective, one by one for two, as Optuna does.
-            together = {} if self.with_cost else dict(sorted(self._distributions.items()))
+            # In one go for one objective, one by one for several, as Optuna does.
+            together = {} if self.objectives > 1 else dict(sorted(self._distributions.items()))
             drawn = sampler.sample_relative(study, trial, together)
             for name, distribution in self._distributions.items():
                 if name not in drawn:
@@ -138,13 +140,12 @@ class Tpe:
         return known[1]
 
     def _new_trial(self, number: int, entry: Evaluation) -> FrozenTrial:
-        objectives = [entry.score, entry.cost] if self.with_cost else [entry.score]
-        scored = None not in objectives
-        return FrozenTrial(
+        scored = entry.score is not None
+        trial = FrozenTrial(
             number=number,
             state=TrialState.COMPLETE if scored else TrialState.RUNNING if entry.pending else TrialState.PRUNED,
             value=None,
-            values=[each for each in objectives if each is not None] if scored else None,
+            values=list(entry.objectives[: self.objectives]) if scored else None,
             datetime_start=None,
             datetime_complete=None,
             params=dict(entry.values),
@@ -154,3 +155,7 @@ class Tpe:
             intermediate_values={},
             trial_id=number,
         )
+        # To Optuna a trial without constraints meets them all: one that has no score is worse than those that miss any.
+        for place in range(self.constraints):
+            trial.set_constraint(str(place), entry.excesses[place] if scored else math.inf)
+        return trial

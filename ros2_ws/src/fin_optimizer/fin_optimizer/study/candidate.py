@@ -1,17 +1,19 @@
-"""A candidate and its trials as the journal has them, and what follows from them: score, settled, fastest, front."""
+"""A candidate and its trials as the journal has them, and what follows from them: score, settled, best, front."""
 
 from __future__ import annotations
 
+import math
 import statistics
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from fin_optimizer.goals import MEAN_SPEED, Goals
 from fin_optimizer.search.space import Evaluation, Values, pareto_front
 from fin_optimizer.trial.result import Outcome
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from datetime import datetime
 
     from fin_optimizer.study.settings import Policy
@@ -27,9 +29,8 @@ class TrialRecord:
         values: The candidate, in SI units.
         outcome: What became of it.
         reason: Why it FAILED, was INTERRUPTED or is INFEASIBLE, else empty.
-        score: Mean forward speed in m/s, None unless OK.
+        measured: What was asked for, by measure in SI, the mean speed among it; nothing unless OK.
         spread: Standard deviation of the speed between blocks of the swim in m/s, None unless OK and known.
-        cost: Energy per metre in J/m, None unless OK and asked for.
         samples: Number of velocities in the score.
         plant: Namespace of the fish that swam it, empty if unknown.
         bag: Its bag, relative to the study's folder.
@@ -42,33 +43,39 @@ class TrialRecord:
     values: Values
     outcome: Outcome
     reason: str
-    score: float | None
+    measured: Mapping[str, float]
     spread: float | None
-    cost: float | None
     samples: int
     plant: str
     bag: str
     started: datetime | None
     ended: datetime | None
 
+    @property
+    def score(self) -> float | None:
+        """Mean forward speed in m/s, None unless OK."""
+        return self.measured.get(MEAN_SPEED)
+
 
 @dataclass(frozen=True)
 class Candidate:
-    """A candidate and all its trials, in order."""
+    """A candidate and all its trials, in order, and what the study looks for."""
 
     number: int
     values: Values
     trials: tuple[TrialRecord, ...]
+    goals: Goals = field(default_factory=Goals, repr=False)
 
     @cached_property
+    def measured(self) -> Mapping[str, float]:
+        """Mean of its OK trials by measure in SI; nothing without any."""
+        known = [trial.measured for trial in self.trials if trial.measured]
+        return {name: statistics.fmean(each[name] for each in known) for name in (known[0] if known else ())}
+
+    @property
     def score(self) -> float | None:
-        """Mean score of its OK trials in m/s, None without any."""
-        return _mean([trial.score for trial in self.trials])
-
-    @cached_property
-    def cost(self) -> float | None:
-        """Mean energy per metre of its OK trials in J/m, None without any."""
-        return _mean([trial.cost for trial in self.trials])
+        """Mean speed of its OK trials in m/s, None without any."""
+        return self.measured.get(MEAN_SPEED)
 
     @cached_property
     def spread(self) -> float | None:
@@ -79,7 +86,26 @@ class Candidate:
     @property
     def evaluation(self) -> Evaluation:
         """What a search is told of it."""
-        return Evaluation(self.values, self.score, self.cost)
+        if not self.measured:
+            return Evaluation(self.values, None)
+        first, *others = self.goals.objectives(self.measured)
+        return Evaluation(self.values, first, tuple(others), self.goals.excesses(self.measured))
+
+    @property
+    def shown(self) -> str:
+        """How good it is, in words: each goal's value."""
+        return self.goals.shown(self.measured)
+
+    @property
+    def missed_measures(self) -> list[str]:
+        """Names of the measures of which it misses the limit."""
+        limits = self.goals.constraints if self.measured else ()
+        return [each.measure.name for each in limits if each.excess(self.measured[each.measure.name]) > 0.0]
+
+    @property
+    def missed(self) -> list[str]:
+        """Which constraints it misses, in words."""
+        return self.goals.missed(self.measured) if self.measured else []
 
     def wants_trial(self, policy: Policy) -> bool:
         """Whether one more trial should be begun, now that some may be under way."""
@@ -100,17 +126,13 @@ class Candidate:
         return Outcome.INFEASIBLE in outcomes or outcomes.count(Outcome.FAILED) >= policy.attempts
 
 
-def _mean(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return statistics.fmean(known) if known else None
-
-
-def candidates(trials: Iterable[TrialRecord]) -> list[Candidate]:
-    """Return the candidates of these trials in the order they were proposed."""
+def candidates(trials: Iterable[TrialRecord], goals: Goals | None = None) -> list[Candidate]:
+    """Return the candidates of these trials in their order, of a study with these goals; for speed if left out."""
     groups: dict[int, list[TrialRecord]] = {}
     for trial in trials:
         groups.setdefault(trial.candidate, []).append(trial)
-    return [Candidate(number, group[0].values, tuple(group)) for number, group in sorted(groups.items())]
+    goals = goals or Goals()
+    return [Candidate(number, group[0].values, tuple(group), goals) for number, group in sorted(groups.items())]
 
 
 def is_for_another(candidate: Candidate, plant: str, plants: Iterable[str]) -> bool:
@@ -125,17 +147,22 @@ def is_for_another(candidate: Candidate, plant: str, plants: Iterable[str]) -> b
     return plant in failed_on and any(other not in failed_on for other in plants)
 
 
-def rank(candidate: Candidate) -> tuple[float, int]:
-    """Return what sorts candidates with a score, the best last; of equals the first one is the best."""
-    return (candidate.score if candidate.score is not None else float("-inf"), -candidate.number)
+def rank(candidate: Candidate) -> tuple[float, float, int]:
+    """Return what sorts candidates, the best last: by constraints, then by the first goal, of equals the first one."""
+    evaluation = candidate.evaluation
+    score = -math.inf if evaluation.score is None else evaluation.score
+    return (-evaluation.violation if evaluation.score is not None else -math.inf, score, -candidate.number)
 
 
-def fastest(tried: Iterable[Candidate]) -> Candidate | None:
-    """Return the candidate with the highest speed, of equals the first; None if none has a score."""
-    return max((c for c in tried if c.score is not None), key=rank, default=None)
+def best_of(tried: Iterable[Candidate]) -> Candidate | None:
+    """Return the best candidate by the first goal, of equals the first; None if none has a score.
+
+    One that misses a constraint is best only where all do.
+    """
+    return max((c for c in tried if c.measured), key=rank, default=None)
 
 
 def front(tried: Sequence[Candidate]) -> list[Candidate]:
-    """Return the candidates of the Pareto front of speed and energy per metre, the fastest first."""
+    """Return the candidates of the Pareto front of all goals, the best by the first goal first."""
     chosen = [tried[index] for index in pareto_front([candidate.evaluation for candidate in tried])]
     return sorted(chosen, key=rank, reverse=True)

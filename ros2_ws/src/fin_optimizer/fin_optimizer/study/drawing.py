@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.search.space import AnyDimension
     from fin_optimizer.study.candidate import Candidate, TrialRecord
     from fin_optimizer.study.simulated_curve import SpeedCurve
@@ -102,24 +103,27 @@ def draw_map(
 
 
 @own_style()
-def draw_front(path: Path, tried: Sequence[Candidate], front: Sequence[Candidate], *, title: str = "") -> None:
-    """Draw speed and energy per metre of every candidate, those of the Pareto front joined.
+def draw_front(
+    path: Path, tried: Sequence[Candidate], front: Sequence[Candidate], goals: Sequence[Measure], *, title: str = ""
+) -> None:
+    """Draw two measures of every candidate, those of the Pareto front joined.
 
     Args:
         path: Where to write the picture; an older one is replaced.
-        tried: All candidates; those without both numbers are left out.
-        front: Those of the front, the fastest first.
+        tried: All candidates; those without a score are left out.
+        front: Those of the front, the best by the first goal first.
+        goals: Both measures.
         title: Heading.
     """
     figure, axes = _axes(title)
-    known = [(c.score / CM, c.cost) for c in tried if c.score is not None and c.cost is not None]
+    known = [[c.measured[goal.name] / goal.shown_in[1] for goal in goals] for c in tried if c.measured]
     if known:
         axes.plot(*zip(*known, strict=True), "o", color="0.6", markersize=4.0, label=f"fins ({len(known)})")
-    line = [(c.score / CM, c.cost) for c in front if c.score is not None and c.cost is not None]
+    line = [[c.measured[goal.name] / goal.shown_in[1] for goal in goals] for c in front]
     if line:
         axes.plot(*zip(*line, strict=True), "o-", color="tab:red", label=f"Pareto front ({len(line)})")
-    axes.set_xlabel("mean forward speed (cm/s)")
-    axes.set_ylabel("energy per metre (J/m)")
+    axes.set_xlabel(goals[0].axis)
+    axes.set_ylabel(goals[1].axis)
     _save(figure, axes, path)
 
 

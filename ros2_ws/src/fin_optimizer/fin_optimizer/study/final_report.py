@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.study import report
 from fin_optimizer.study.candidate import front
 from fin_optimizer.study.file_names import FIGURE_FILE, PICTURES
 from fin_optimizer.study.pictures import draw_study
-from fin_optimizer.study.settings import Objective
 from fin_optimizer.words import near, show_speed, show_values
 from fin_plant.checks import counted
 
@@ -39,12 +39,16 @@ def write_report(study: Study) -> list[str]:
 
 
 def findings(study: Study) -> list[str]:
-    """Return what was found, the Pareto front too where two objectives are asked for, and where it lies."""
+    """Return what was found, the Pareto front too where there are several goals, and where it lies."""
     best = study.best()
     found = ["no trial gave a score"]
     if best is not None and best.score is not None:
-        found = [f"best of {_swum(study)}: {show_values(best.values)} swims {show_speed(best.score)}"]
-        if study.settings.objective is Objective.SPEED_AND_COST:
+        others = [MEASURES[n].told(value) for n, value in best.measured.items() if n != MEAN_SPEED]
+        achieved = ", ".join([f"swims {show_speed(best.score)}", *others])
+        found = [f"best of {_swum(study)}: {show_values(best.values)} {achieved}"]
+        if best.missed:
+            found.append(f"no fin meets all constraints; of the best, {' and '.join(best.missed)}")
+        elif len(study.settings.goals.measures) > 1:
             found += _front(study)
     names = (report.CSV_FILE, *PICTURES, "journal.log", "bags")
     there = [name for name in names if (study.folder / name).exists()]
@@ -72,8 +76,6 @@ def _swum(study: Study) -> str:
 def _front(study: Study) -> list[str]:
     """Return the fins of the Pareto front, one a line under its heading."""
     chosen = front(study.candidates)
-    lines = [
-        f"  {show_values(fin.values)}: {show_speed(fin.score or 0.0)}, {fin.cost:.4g} J/m"  # on a front both are known
-        for fin in chosen
-    ]
-    return [f"Pareto front of speed and energy per metre ({len(chosen)} fins):", *lines]
+    lines = [f"  {show_values(fin.values)}: {fin.shown}" for fin in chosen]
+    *words, last = (goal.words for goal in study.settings.goals.measures)
+    return [f"Pareto front of {', '.join(words)} and {last} ({counted(len(chosen), 'fin')}):", *lines]

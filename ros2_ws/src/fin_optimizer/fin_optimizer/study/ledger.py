@@ -19,15 +19,18 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Self, TextIO
 
 import optuna
+from optuna.study import StudyDirection
 
+from fin_optimizer.goals import LESS, MORE
 from fin_optimizer.search.distributions import distributions
-from fin_optimizer.study.candidate import Candidate, TrialRecord, fastest, rank
+from fin_optimizer.study.candidate import Candidate, TrialRecord, best_of, rank
 from fin_optimizer.study.file_names import BAG_FOLDER, JOURNAL_FILE, REPEATED_MARK, SETTINGS_FILE
 from fin_optimizer.study.folder import bag_name, begun, locked, put_on_disk, read_settings
 from fin_optimizer.study.journal import STUDY_NAME, StudyError, remove_stale_lock, take_off_cut_line, whole_entries
 from fin_optimizer.study.records import (
     ASKED_FOR_AGAIN,
     FISH,
+    MEASURED,
     REPEATED,
     STATE_OF,
     fish_in,
@@ -35,7 +38,7 @@ from fin_optimizer.study.records import (
     record_of,
     repeated_in,
 )
-from fin_optimizer.study.settings import Objective, Settings, differing
+from fin_optimizer.study.settings import Settings, differing
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import trial_name
 
@@ -45,10 +48,14 @@ if TYPE_CHECKING:
 
     from optuna.storages import JournalStorage
 
+    from fin_optimizer.goals import Goals
     from fin_optimizer.search.space import Evaluation, Search, Values
     from fin_optimizer.trial.result import Result
 
 optuna.logging.set_verbosity(optuna.logging.WARNING)
+
+_CONSTRAINT = "constraints:"
+"""What the names of a trial's attributes begin with in which Optuna keeps by how much it misses a constraint."""
 
 
 class Study:
@@ -77,7 +84,7 @@ class Study:
                 self.notes.append(f"the journal's last entry was cut short ({length} bytes) and was taken off")
         with whole_entries(self._journal):
             (folder / BAG_FOLDER).mkdir(exist_ok=True)
-            self._study_id = _study_in(self._storage, settings.objective)
+            self._study_id = _study_in(self._storage, settings.goals)
         self._distributions = distributions(settings.space)
         self._ids: list[int] = []
         self._trials: list[TrialRecord] = []
@@ -87,7 +94,7 @@ class Study:
         self._repeated = repeated_in(self._storage)
         for trial in frozen:
             self._ids.append(trial._trial_id)  # noqa: SLF001  (Optuna's own key; it has no public name)
-            self._note(record_of(trial, self._repeated))
+            self._note(record_of(trial, settings.goals, self._repeated))
 
     @classmethod
     def create(cls, folder: Path, settings: Settings) -> Study:
@@ -140,7 +147,7 @@ class Study:
         return list(self._candidates)
 
     def best(self) -> Candidate | None:
-        """Return the candidate with the highest speed, of equals the first; None if nothing was scored."""
+        """Return the best candidate, see `best_of`; None if nothing was scored."""
         return self._best
 
     def settled(self) -> int:
@@ -228,16 +235,16 @@ class Study:
         """
         # The reason comes last: a trial that was left open without one counts as interrupted.
         attributes: dict[str, object] = {"interrupted": result.outcome is Outcome.INTERRUPTED, "reason": result.reason}
-        values = None
-        if result.outcome is Outcome.OK and result.score is not None:
-            attributes = {"spread": result.spread, "samples": result.samples}
-            values = [result.score]
-        if values is not None and self.settings.objective is Objective.SPEED_AND_COST:
-            if result.cost is None:
-                msg = f"{trial_name(number)} has no energy per metre, which this study is about"
+        values, limits = None, dict[str, float]()
+        if result.outcome is Outcome.OK:
+            goals = self.settings.goals
+            if lacks := [each.words for each in goals.asked if each.name not in result.measured]:
+                msg = f"{trial_name(number)} has no {' and no '.join(lacks)}, which this study is about"
                 raise StudyError(msg)
-            values.append(result.cost)
+            values, attributes, limits = _achieved(goals, result.measured, result.spread, result.samples)
         with whole_entries(self._journal):
+            for name, excess in limits.items():
+                self._storage.set_trial_system_attr(self._ids[number], name, excess)
             for name, value in attributes.items():
                 self._storage.set_trial_user_attr(self._ids[number], name, value)
             # Last, since it makes the trial count: a kill before it leaves the trial open, and it is made again.
@@ -271,10 +278,10 @@ class Study:
             StudyError: The disk refused. The journal is as before.
         """
         about: dict[str, object] = {"candidate": record.candidate, "bag": record.bag, "plant": record.plant}
-        values = None
-        if record.score is not None:
-            about |= {"spread": record.spread, "samples": record.samples}
-            values = [record.score] if record.cost is None else [record.score, record.cost]
+        values, limits = None, dict[str, float]()
+        if record.measured:
+            values, more, limits = _achieved(self.settings.goals, record.measured, record.spread, record.samples)
+            about |= more
         else:
             about |= {"interrupted": record.outcome is Outcome.INTERRUPTED, "reason": record.reason}
         trial = optuna.create_trial(
@@ -283,6 +290,7 @@ class Study:
             params=self.settings.space.check(record.values),
             distributions=self._distributions,
             user_attrs=about,
+            system_attrs=limits,
         )
         trial.datetime_start, trial.datetime_complete = (
             None if moment is None else moment.astimezone().replace(tzinfo=None)
@@ -304,7 +312,7 @@ class Study:
 
     def _refreshed(self, number: int) -> TrialRecord:
         """Return a trial as the journal has it now, which is also what the search will be told."""
-        record = record_of(self._storage.get_trial(self._ids[number]), self._repeated)
+        record = record_of(self._storage.get_trial(self._ids[number]), self.settings.goals, self._repeated)
         self._note(record)
         return record
 
@@ -314,7 +322,8 @@ class Study:
         number = record.candidate
         known = self._candidates[number].trials if number < len(self._candidates) else ()
         trials = (*(trial for trial in known if trial.number != record.number), record)
-        candidate = Candidate(number, record.values, tuple(sorted(trials, key=lambda trial: trial.number)))
+        in_order = tuple(sorted(trials, key=lambda trial: trial.number))
+        candidate = Candidate(number, record.values, in_order, self.settings.goals)
         self._candidates[number : number + 1] = [candidate]
         settled = candidate.settled(self.settings.policy)
         pending = candidate.score is None and not settled
@@ -324,7 +333,7 @@ class Study:
         else:
             self._open.add(number)
         if self._best is not None and self._best.number == number:
-            self._best = fastest(self._candidates)
+            self._best = best_of(self._candidates)
         elif candidate.score is None:
             return
         elif self._best is None or rank(candidate) > rank(self._best):
@@ -341,18 +350,34 @@ class Study:
                 )
 
 
+def _achieved(
+    goals: Goals, measured: Mapping[str, float], spread: float | None, samples: int
+) -> tuple[list[float], dict[str, object], dict[str, float]]:
+    """Return what Optuna has of an OK trial: values of the goals, attributes of ours, and excesses over constraints."""
+    beside = {each.name: measured[each.name] for each in goals.asked if each not in goals.measures}
+    attributes: dict[str, object] = {"spread": spread, "samples": samples, **({MEASURED: beside} if beside else {})}
+    texts = (f"{_CONSTRAINT}{constraint.text}" for constraint in goals.constraints)
+    return (
+        [measured[goal.name] for goal in goals.measures],
+        attributes,
+        dict(zip(texts, goals.excesses(measured), strict=True)),
+    )
+
+
 def _left_out(names: Sequence[str], settings: Settings) -> str:
     said = ", ".join(f"{name} (here {settings.details[name]!s})" for name in names)
     return f"{SETTINGS_FILE} is an older version's and does not say {said}: go on with what it was begun with"
 
 
-def _study_in(storage: JournalStorage, objective: Objective) -> int:
+def _study_in(storage: JournalStorage, goals: Goals) -> int:
     """Return Optuna's number of the study in the journal; the study is begun if the journal is new."""
     try:
         return storage.get_study_id_from_name(STUDY_NAME)
     except KeyError:
-        study = optuna.create_study(study_name=STUDY_NAME, storage=storage, directions=objective.directions)
+        ways = {MORE: StudyDirection.MAXIMIZE, LESS: StudyDirection.MINIMIZE}
+        directions = [ways[goal.direction] for goal in goals.measures]
+        study = optuna.create_study(study_name=STUDY_NAME, storage=storage, directions=directions)
     with warnings.catch_warnings():  # only the dashboard's axis label: nothing is lost if Optuna drops it
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        study.set_metric_names([label for _, _, label in objective.parts])
+        study.set_metric_names([goal.label for goal in goals.measures])
     return storage.get_study_id_from_name(STUDY_NAME)

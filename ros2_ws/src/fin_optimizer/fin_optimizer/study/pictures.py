@@ -9,11 +9,10 @@ import numpy as np
 from fin_optimizer.gait_parameters import describe_gait, gait_from_parameters
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study import drawing, space_drawing
-from fin_optimizer.study.candidate import candidates, fastest, front
+from fin_optimizer.study.candidate import best_of, candidates, front
 from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.report import varied
-from fin_optimizer.study.settings import Objective
 from fin_optimizer.study.simulated_curve import SimulatedFish, values_along
 from fin_optimizer.words import CM
 from fin_plant.figures import try_to_draw
@@ -41,8 +40,8 @@ def draw_study(
 ) -> tuple[list[Path], list[str]]:
     """Draw speed over what was searched, and beside it what else tells something of the study.
 
-    That is the Pareto front where it is about the cost too, and where several parameters were searched slices through
-    the best candidate, parallel coordinates and, of enough candidates, which parameter decides.
+    That is the Pareto front of the first two goals where there are several, and where several parameters were searched
+    slices through the best candidate, parallel coordinates and, of enough candidates, which parameter decides.
 
     Args:
         path: Where to write the first picture, in the format that its name ends in.
@@ -53,11 +52,11 @@ def draw_study(
     Returns:
         What was drawn, and why the rest could not be.
     """
-    tried = candidates(trials)
+    tried, goals = candidates(trials, settings.goals), settings.goals.measures
     wanted = {path: lambda: _draw_speed(path, settings, trials, fish)}
-    if settings.objective is Objective.SPEED_AND_COST:
+    if len(goals) > 1:
         there = _beside(path, FRONT_FILE)
-        wanted[there] = lambda: drawing.draw_front(there, tried, front(tried), title=title(settings, tried))
+        wanted[there] = lambda: drawing.draw_front(there, tried, front(tried), goals[:2], title=title(settings, tried))
     if len(settings.space.dimensions) > 1:
         wanted |= _of_several(path, settings, tried, fish)
     failures = {each: try_to_draw(each, draw) for each, draw in wanted.items()}
@@ -77,7 +76,7 @@ def _of_several(
     """Return the pictures of a space of several parameters, each with what draws it."""
     arrays, heading = as_arrays(settings, tried), title(settings, tried)
     slices, parallel, importance = (_beside(path, name) for name in (SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE))
-    best = fastest(tried)
+    best = best_of(tried)
     simulated = SimulatedFish.of(settings, fish)
 
     def draw_slices() -> None:
@@ -130,8 +129,8 @@ def slices_through(
 
 
 def _draw_speed(path: Path, settings: Settings, trials: Sequence[TrialRecord], fish: Mapping[str, object]) -> None:
-    tried = candidates(trials)
-    best, heading = fastest(tried), title(settings, tried)
+    tried = candidates(trials, settings.goals)
+    best, heading = best_of(tried), title(settings, tried)
     first, *others = settings.space.dimensions
     if others:
         drawing.draw_map(path, tried, best, (first, others[0]), title=heading)

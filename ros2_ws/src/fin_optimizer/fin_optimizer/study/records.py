@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from optuna.storages import JournalStorage
 
+    from fin_optimizer.goals import Goals
     from fin_optimizer.search.space import Values
     from fin_optimizer.study.settings import Settings
     from fin_plant.parameters import Value
@@ -42,6 +43,8 @@ ASKED_FOR_AGAIN = "~/repeat was called: swum again"
 VALUES = "trial.values"
 """Of a bag's metadata: what was searched of the candidate, as JSON. Bags of older versions tell the fin alone."""
 
+MEASURED = "measured"
+"""Of a trial: what was measured beside the goals, by measure in SI."""
 _KILLED = "the optimiser's process ended before the trial did"
 
 STATE_OF = {
@@ -77,7 +80,8 @@ def read_ledger(folder: Path, tell: Callable[[str], object] = _tell) -> tuple[li
     if not (folder / JOURNAL_FILE).exists() and not list(bags_in(folder)):
         msg = f"{folder} holds no study: {JOURNAL_FILE} is missing"
         raise StudyError(msg)
-    storage, frozen, lines = read_checked(folder, read_settings(folder))
+    settings = read_settings(folder)
+    storage, frozen, lines = read_checked(folder, settings)
     for note in lines.notes:
         tell(note)
     if length := lines.cut():
@@ -85,7 +89,7 @@ def read_ledger(folder: Path, tell: Callable[[str], object] = _tell) -> tuple[li
             f"the journal's last entry is cut short ({length} bytes) and not counted; a kill or a running study does so"
         )
     repeated = repeated_in(storage) if lines.count else frozenset[int]()
-    return [record_of(trial, repeated) for trial in frozen], fish_in(storage) if lines.count else {}
+    return [record_of(trial, settings.goals, repeated) for trial in frozen], fish_in(storage) if lines.count else {}
 
 
 def earlier_defaults(folder: Path) -> dict[str, Value]:
@@ -155,7 +159,7 @@ def _check_trials(trials: Sequence[optuna.trial.FrozenTrial], settings: Settings
     """
     known: list[Values] = []
     for trial in trials:
-        record = record_of(trial)
+        record = record_of(trial, settings.goals)
         where = trial_name(record.number)
         values = settings.space.check(record.values)
         number = record.candidate
@@ -171,20 +175,25 @@ def _check_trials(trials: Sequence[optuna.trial.FrozenTrial], settings: Settings
             msg = f"{where} has a bag, a reason or a plant that is no text"
             raise ValueError(msg)
         numbers = [*(trial.values or [])] if record.outcome is Outcome.OK else []
-        if record.outcome is Outcome.OK and len(numbers) != len(settings.objective.parts):
-            msg = f"{where} is OK with {len(numbers)} numbers, needed are {len(settings.objective.parts)}"
+        if record.outcome is Outcome.OK and len(numbers) != len(settings.goals.measures):
+            msg = f"{where} is OK with {len(numbers)} numbers, needed are {len(settings.goals.measures)}"
             raise ValueError(msg)
-        for value in (*numbers, record.spread, record.samples):
+        lacks = [each.name for each in settings.goals.asked if each.name not in record.measured]
+        if record.outcome is Outcome.OK and lacks:
+            msg = f"{where} is OK without {', '.join(lacks)}"
+            raise ValueError(msg)
+        for value in (*numbers, *record.measured.values(), record.spread, record.samples):
             if value is not None and not math.isfinite(value):
                 msg = f"{where} is OK with {value!r}, needed are finite numbers"
                 raise ValueError(msg)
 
 
-def record_of(trial: optuna.trial.FrozenTrial, repeated: Collection[int] = ()) -> TrialRecord:
+def record_of(trial: optuna.trial.FrozenTrial, goals: Goals, repeated: Collection[int] = ()) -> TrialRecord:
     """Return Optuna's trial as ours. One that failed without a reason was left open by a process that died.
 
     Args:
-        trial: Optuna's.
+        trial: Optuna's, whose values are those of the goals; what else was measured is an attribute.
+        goals: What the study looks for.
         repeated: Numbers of those whose outcome counts no more, since they were asked for again.
     """
     attributes: dict[str, Any] = trial.user_attrs
@@ -196,16 +205,18 @@ def record_of(trial: optuna.trial.FrozenTrial, repeated: Collection[int] = ()) -
     if again:
         outcome = Outcome.INTERRUPTED
     started, ended = trial.datetime_start, trial.datetime_complete
-    score, cost = [*(trial.values or []), None, None][:2] if outcome is Outcome.OK else (None, None)
+    measured: dict[str, float] = {}
+    if outcome is Outcome.OK:
+        measured = dict(zip((goal.name for goal in goals.measures), trial.values or [], strict=False))
+        measured |= attributes.get(MEASURED, {})
     return TrialRecord(
         number=trial.number,
         candidate=attributes["candidate"],
         values=dict(trial.params),
         outcome=outcome,
         reason=ASKED_FOR_AGAIN if again else _KILLED if killed else attributes.get("reason", ""),
-        score=score,
+        measured=measured,
         spread=attributes.get("spread") if outcome is Outcome.OK else None,
-        cost=cost,
         samples=attributes.get("samples", 0) if outcome is Outcome.OK else 0,
         plant=attributes.get("plant", ""),
         bag=attributes["bag"],

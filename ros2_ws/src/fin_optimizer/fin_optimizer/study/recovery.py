@@ -26,7 +26,6 @@ from fin_optimizer.study.folder import bag_name, bags_in, locked, put_on_disk, r
 from fin_optimizer.study.journal import END_FILE, JournalLines, StudyError, write_end
 from fin_optimizer.study.ledger import Study
 from fin_optimizer.study.records import VALUES, read_checked
-from fin_optimizer.study.settings import Objective
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.scored import result_of
 from fin_optimizer.words import trial_name
@@ -150,7 +149,7 @@ def _put_back(study: Study, number: int, told: TrialRecord | None, following: in
     values = study.candidates[candidate].values if candidate < known else _proposed(study, search)
     name = f"{BAG_FOLDER}/{bag_name(number, values)}"
     study.put_back(
-        TrialRecord(number, candidate, values, Outcome.INTERRUPTED, _LOST, None, None, None, 0, "", name, None, None)
+        TrialRecord(number, candidate, values, Outcome.INTERRUPTED, _LOST, {}, None, 0, "", name, None, None)
     )
 
 
@@ -225,9 +224,9 @@ class _Bags:
         bag = self._bags.get(number)
         if bag is None or (bag.path.parent / REPEATED_MARK).exists():
             return None
-        with_cost = self._settings.objective is Objective.SPEED_AND_COST
+        goals = self._settings.goals
         try:
-            result = result_of(recorded_swim(bag, {}, with_cost=with_cost), wants_cost=with_cost)
+            result = result_of(recorded_swim(bag, {}, goals.needs), goals)
         except BagError:
             return None
         return result if result.outcome in {Outcome.OK, Outcome.INFEASIBLE} else None
@@ -254,9 +253,8 @@ class _Bags:
             values=values,
             outcome=result.outcome,
             reason=result.reason,
-            score=result.score,
+            measured=result.measured,
             spread=result.spread,
-            cost=result.cost,
             samples=result.samples,
             plant=bag.metadata.get(_NAMESPACE, ""),
             bag=f"{BAG_FOLDER}/{self._names[number]}",

@@ -7,13 +7,15 @@ import io
 from datetime import UTC
 from typing import TYPE_CHECKING, Any
 
-from fin_optimizer.words import ENERGY_PER_METRE, SPEED, SPREAD, with_unit
+from fin_optimizer.goals import ENERGY_PER_METRE, MEAN_SPEED, MEASURES
+from fin_optimizer.words import SPREAD, with_unit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from datetime import datetime
     from pathlib import Path
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.study.candidate import TrialRecord
     from fin_optimizer.study.settings import Settings
 
@@ -38,6 +40,12 @@ def varied(settings: Settings, tried: Iterable[Mapping[str, Any]]) -> list[str]:
     return names
 
 
+def measures_of(settings: Settings) -> list[Measure]:
+    """Return what tables tell of a swim beside the mean speed: what is asked for, the energy per metre in any case."""
+    names = [each.name for each in settings.goals.asked if each.name != MEAN_SPEED]
+    return [MEASURES[name] for name in dict.fromkeys([ENERGY_PER_METRE, *names])]
+
+
 def trials_table(trials: Sequence[TrialRecord], settings: Settings) -> str:
     """Return all trials as CSV, one row each, units in the header; what is not known is left empty.
 
@@ -46,14 +54,16 @@ def trials_table(trials: Sequence[TrialRecord], settings: Settings) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     names = varied(settings, [trial.values for trial in trials])
-    measured = [SPEED, SPREAD, ENERGY_PER_METRE, "samples"]
+    asked = measures_of(settings)
+    measured = [MEASURES[MEAN_SPEED].column, SPREAD, *(each.column for each in asked), "samples"]
     times = ["started [UTC]", "ended [UTC]"]
     parameters = [with_unit(name) for name in names]
     writer.writerow(["trial", "fin", *parameters, "outcome", *measured, *times, "plant", "bag", "reason"])
     for trial in trials:
         fin = settings.told(trial.values)
         values = [fin[name] if isinstance(fin[name], str) else repr(fin[name]) for name in names]
-        measured = [_number(trial.score), _number(trial.spread), _number(trial.cost), str(trial.samples or "")]
+        others = [_number(trial.measured.get(each.name)) for each in asked]
+        measured = [_number(trial.score), _number(trial.spread), *others, str(trial.samples or "")]
         times = [_utc(trial.started), _utc(trial.ended)]
         last = [trial.plant, trial.bag, trial.reason]
         writer.writerow([trial.number, trial.candidate + 1, *values, trial.outcome.value, *measured, *times, *last])

@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
+from fin_optimizer.goals import MEASURES
 from fin_optimizer.score.mean_speed import ScoreError
 from fin_optimizer.score.recorded import achieved
 from fin_optimizer.study.file_names import JOURNAL_FILE
-from fin_optimizer.words import ENERGY_PER_METRE, SPEED, SPREAD, trial_name
+from fin_optimizer.words import SPREAD, trial_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -73,8 +74,8 @@ def _contradiction(bag: Path, trial: TrialRecord) -> str:
 
 def difference(numbers: Mapping[str, float], trial: TrialRecord) -> str:
     """Return which of a bag's numbers is not the one that its study has, or an empty text."""
-    known = {SPEED: trial.score, SPREAD: trial.spread, ENERGY_PER_METRE: trial.cost}
-    differs = [name for name, value in numbers.items() if known[name] is not None and known[name] != value]
+    known = {SPREAD: trial.spread, **{MEASURES[name].column: value for name, value in trial.measured.items()}}
+    differs = [name for name, value in numbers.items() if known.get(name) is not None and known[name] != value]
     said = ", ".join(
         f"{name} is {numbers[name]!r} from the bag and {known[name]!r} in {JOURNAL_FILE}" for name in differs
     )

@@ -6,14 +6,12 @@ import json
 import re
 import uuid
 from dataclasses import asdict, dataclass, field
-from enum import StrEnum
 from functools import cache
 from typing import TYPE_CHECKING, Any, cast
 
-from optuna.study import StudyDirection
-
 from fin_optimizer.checksums import CHECK_SUM, check_sum
 from fin_optimizer.gait_parameters import gait_from_parameters
+from fin_optimizer.goals import BETWEEN_CONSTRAINTS, OF_OBJECTIVE, Goals
 from fin_optimizer.search.names import HEIGHTS, height_place
 from fin_optimizer.search.rules import Rules
 from fin_optimizer.search.space import Choice, Space, dimension_from, written
@@ -27,35 +25,15 @@ if TYPE_CHECKING:
     from fin_optimizer.search.space import AnyDimension
     from fin_plant.parameters import Parameter, Value
 
-FORMAT = 2
-"""1 was before spaces came from files; a study without one is still written so that older versions read it."""
+FORMAT = 3
+"""1 was before spaces came from files, 2 before goals had names; what needs neither is still written so that older
+versions read it."""
+CONSTRAINTS = "constraints"
 _CONTENT = ("format", "space", "policy", "objective", "details")
 """Entries of the settings file, beside those that tell this study from others and that it was not changed."""
 _ADDED = frozenset({AREA, "measurement.largest_speed", "measurement.largest_start_speed"})
 """Settings that studies of older versions lack."""
 _SETTINGS_SUM = re.compile(rf',\n  "{CHECK_SUM}": "([0-9a-f]+)"\n}}\n\Z')
-
-
-# What a study may be after: name, Optuna's direction, and how its dashboard labels the axis.
-_SPEED = ("speed", StudyDirection.MAXIMIZE, "mean forward speed (m/s)")
-_COST = ("energy per metre", StudyDirection.MINIMIZE, "energy per metre (J/m)")
-
-
-class Objective(StrEnum):
-    """What a study looks for."""
-
-    SPEED = "speed"
-    SPEED_AND_COST = "speed_and_cost_of_transport"
-
-    @property
-    def parts(self) -> tuple[tuple[str, StudyDirection, str], ...]:
-        """Name, direction and label of each number that is to be good."""
-        return (_SPEED,) if self is Objective.SPEED else (_SPEED, _COST)
-
-    @property
-    def directions(self) -> list[StudyDirection]:
-        """What is good in each part, as Optuna says it."""
-        return [direction for _, direction, _ in self.parts]
 
 
 @dataclass(frozen=True)
@@ -83,21 +61,33 @@ class Settings:
         space: What is searched.
         policy: How often a candidate is swum.
         details: All else that decides the candidates and their scores, by name: search, seed, gait, window.
-        objective: What is looked for.
+        goals: What is looked for.
         rules: What follows from a candidate of a space from a file; None for one of the short form.
     """
 
     space: Space
     policy: Policy = field(default_factory=Policy)
     details: Mapping[str, object] = field(default_factory=dict)
-    objective: Objective = Objective.SPEED
+    goals: Goals = field(default_factory=Goals)
     rules: Rules | None = None
 
     def flat(self) -> dict[str, object]:
         """Return every setting by a name that a reader knows."""
         searched = dict(_in_words(dimension) for dimension in self.space.dimensions)
         rules = {} if self.rules is None else self.rules.flat()
-        return {**searched, **rules, **asdict(self.policy), "objective": str(self.objective), **self.details}
+        said = BETWEEN_CONSTRAINTS.join(self._constraints)
+        goals = {"objective": self.goals.objective, **({CONSTRAINTS: said} if said else {})}
+        return {**searched, **rules, **asdict(self.policy), **goals, **self.details}
+
+    @property
+    def _constraints(self) -> list[str]:
+        return [constraint.text for constraint in self.goals.constraints]
+
+    @property
+    def _format(self) -> int:
+        if self._constraints or self.goals.objective not in OF_OBJECTIVE:
+            return FORMAT
+        return 1 if self.rules is None else 2
 
     def differences(self, other: Settings) -> list[str]:
         """Return a text for each setting that differs, its value here first; an older version may leave some out."""
@@ -141,10 +131,11 @@ class Settings:
     def to_json(self) -> str:
         """Return the text of ``study.json``, which is another one for each study."""
         content = {
-            "format": 1 if self.rules is None else FORMAT,
+            "format": self._format,
             "space": [written(dimension) for dimension in self.space.dimensions],
             "policy": asdict(self.policy),
-            "objective": self.objective,
+            "objective": self.goals.objective,
+            **({CONSTRAINTS: self._constraints} if self._constraints else {}),
             "details": dict(self.details),
             **({} if self.rules is None else {"rules": self.rules.written()}),
             "id": uuid.uuid4().hex,
@@ -164,9 +155,10 @@ class Settings:
             _check_format(content["format"])
             _check_unchanged(text, content)
             space = Space(tuple(map(dimension_from, content["space"])))
-            details, objective = content["details"], Objective(content["objective"])
+            details = content["details"]
+            goals = Goals.of_objective(content["objective"], content.get(CONSTRAINTS, ()))
             rules = _rules(content["rules"], details) if "rules" in content else None
-            return cls(space, Policy(**content["policy"]), details, objective, rules)
+            return cls(space, Policy(**content["policy"]), details, goals, rules)
         except StudyError:
             raise
         except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:

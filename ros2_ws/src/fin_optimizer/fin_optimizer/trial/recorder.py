@@ -28,7 +28,17 @@ from fin_optimizer.score.swim import SwimRecord, start_of_swim
 from fin_plant.discovery import ends_of, request, wanted
 from fin_plant.frames import frame_prefix
 from fin_plant.stamps import NANOSECONDS
-from fin_plant.topics import EVERY_MESSAGE, JOINT_STATES, NAMESPACE, PLANT_STATE, POSE, RECORDED_TOPICS, VELOCITY, Topic
+from fin_plant.topics import (
+    EVERY_MESSAGE,
+    JOINT_STATES,
+    NAMESPACE,
+    PLANT_STATE,
+    POSE,
+    RECORDED_TOPICS,
+    THRUST,
+    VELOCITY,
+    Topic,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -45,7 +55,7 @@ TAIL = round(LONGEST_GAP * NANOSECONDS)
 """ns of the plant's time behind the window that a bag still holds: a score may need a sample so far beyond it."""
 _LONGEST_OVERRUN = 600 * NANOSECONDS
 _BY_TRUST = (JOINT_STATES.name, VELOCITY.name, POSE.name)
-_KEPT = (VELOCITY.name, JOINT_STATES.name, PLANT_STATE.name)
+_KEPT = (VELOCITY.name, JOINT_STATES.name, PLANT_STATE.name, THRUST.name)
 """Topics that a score is made of, which it takes from memory."""
 WRITE_PERIOD = 0.02
 """s between two visits of the writing thread; messages wait in memory no longer."""
@@ -215,10 +225,11 @@ class Recorder:
             metadata: Of that bag.
         """
         states = [decode(data, PLANT_STATE.type_name) for data in self.messages(PLANT_STATE)]
-        return SwimRecord(self.velocity_samples(), states, self.messages(JOINT_STATES), metadata)
+        joints, velocities, thrust = (self.messages(topic) for topic in (JOINT_STATES, VELOCITY, THRUST))
+        return SwimRecord(self.velocity_samples(), states, joints, metadata, velocities, thrust)
 
     def messages(self, topic: Topic[Any]) -> Sequence[bytes]:
-        """Return the serialised messages of the bag opened last, of `velocity`, `joint_states` or `plant_state`."""
+        """Return the serialised messages of the bag opened last, of one that a score is made of."""
         return self._subscription_to(topic).kept
 
     def close(self) -> BagSummary:

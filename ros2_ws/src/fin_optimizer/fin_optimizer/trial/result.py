@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_plant import checks
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 class Outcome(StrEnum):
@@ -30,29 +36,33 @@ class Result:
     Attributes:
         outcome: OK, FAILED, INTERRUPTED or INFEASIBLE.
         reason: Why, unless OK.
-        score: m/s, needed for OK and refused otherwise.
+        measured: What was asked for, by measure in SI; of an OK trial the mean speed at least, else nothing.
         spread: m/s, None if unknown.
-        cost: Energy per metre in J/m, None if unknown.
         samples: Number of velocities in the score.
 
     Raises:
-        ValueError: An OK trial without a finite score, or another one with a score or without a reason.
+        ValueError: An OK trial without a finite mean speed or with another number that is not finite, or another trial
+            with numbers or without a reason.
     """
 
     outcome: Outcome
     reason: str = ""
-    score: float | None = None
+    measured: Mapping[str, float] = field(default_factory=dict)
     spread: float | None = None
-    cost: float | None = None
     samples: int = 0
 
     def __post_init__(self) -> None:
         if self.outcome is Outcome.OK:
-            checks.number("score of an OK trial", float("nan") if self.score is None else self.score, unit="m/s")
-            checks.number("energy per metre of an OK trial", self.cost or 0.0, unit="J/m")
+            for name, value in {MEAN_SPEED: math.nan, **self.measured}.items():
+                checks.number(f"{name} of an OK trial", value, unit=MEASURES[name].unit)
         elif self.outcome not in {Outcome.FAILED, Outcome.INTERRUPTED, Outcome.INFEASIBLE}:
             msg = f"a trial cannot end as {self.outcome}: it ends OK, FAILED, INTERRUPTED or INFEASIBLE"
             raise ValueError(msg)
-        elif self.score is not None or not self.reason:
-            msg = f"a trial that ends {self.outcome} has a reason and no score, got {self.reason!r}, {self.score}"
+        elif self.measured or not self.reason:
+            msg = f"a trial that ends {self.outcome} has a reason and no score, got {self.reason!r}, {self.measured}"
             raise ValueError(msg)
+
+    @property
+    def score(self) -> float | None:
+        """Mean speed in m/s, None unless OK."""
+        return self.measured.get(MEAN_SPEED)

@@ -6,29 +6,30 @@ import math
 from typing import TYPE_CHECKING
 
 from fin_optimizer.score.mean_speed import NotThisSwimError, ScoreError
+from fin_optimizer.score.measured import why_none
 from fin_optimizer.score.swim import score_swim
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.words import show_speed
 
 if TYPE_CHECKING:
+    from fin_optimizer.goals import Goals
     from fin_optimizer.score.swim import SwimRecord
 
 
-def result_of(swim: SwimRecord, *, wants_cost: bool) -> Result:
+def result_of(swim: SwimRecord, goals: Goals) -> Result:
     """Return how the trial ends whose whole swim was recorded.
 
     Args:
         swim: What was recorded.
-        wants_cost: Whether the energy per metre is asked for too; without headway there is none, and no such fin.
+        goals: What is asked of it; a fin that has none of it, as energy per metre without headway, cannot be.
     """
     try:
-        scored, cost = score_swim(swim, with_cost=wants_cost)
+        scored, measured = score_swim(swim, goals.asked)
     except NotThisSwimError as error:
         return Result(Outcome.INTERRUPTED, error.reason)
     except ScoreError as error:
         return Result(Outcome.FAILED, error.reason)
-    if wants_cost and cost is None:
-        reason = f"swims {show_speed(scored.value)}: without headway there is no energy per metre"
-        return Result(Outcome.INFEASIBLE, reason)
+    if reason := why_none(measured):
+        return Result(Outcome.INFEASIBLE, f"swims {show_speed(scored.value)}: {reason}")
     spread = scored.spread if math.isfinite(scored.spread) else None
-    return Result(Outcome.OK, score=scored.value, spread=spread, cost=cost, samples=scored.samples)
+    return Result(Outcome.OK, measured=measured, spread=spread, samples=scored.samples)

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.messages import BagError
+from fin_optimizer.goals import VELOCITY, YAW_RATE
 from fin_optimizer.trial.gait_check import cut_gait
 from fin_optimizer.trial.observer import Observer
 from fin_optimizer.trial.phases import Action, Rule
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
+    from fin_optimizer.goals import Goals
     from fin_optimizer.score.mean_speed import Measurement
     from fin_optimizer.trial.facts import Facts
     from fin_optimizer.trial.phases import Timeouts
@@ -60,7 +62,7 @@ class Conditions:
         still: The gait of a tail that is led to its middle.
         measurement: Which part of a swim is scored.
         timeouts: How long to wait for what.
-        wants_cost: Whether the energy per metre is asked for.
+        goals: What is asked of a swim.
         differences: Tells in what a fish, by its parameters, is not the one that swims here.
     """
 
@@ -68,7 +70,7 @@ class Conditions:
     still: Gait
     measurement: Measurement
     timeouts: Timeouts
-    wants_cost: bool
+    goals: Goals
     differences: Callable[[Mapping[str, object]], Sequence[str]]
 
 
@@ -297,7 +299,7 @@ class Swimmer:
     def _scored(self, trial: Trial) -> Result:
         if trial.window is None:
             return Result(Outcome.FAILED, "the fish never swam")
-        return result_of(self._recorder.swim(self._told), wants_cost=self._conditions.wants_cost)
+        return result_of(self._recorder.swim(self._told), self._conditions.goals)
 
     # -- how the fish is ---------------------------------------------------------------------------------------------
 
@@ -327,6 +329,14 @@ class Swimmer:
     def cut_gait(self) -> str:
         """What the plant's limits would make of the study's gait, the widest of several, or empty."""
         return cut_gait(self.plant.state, self._widest_gait)
+
+    @property
+    def untold(self) -> str:
+        """What the study is about and the plant says that it does not tell, or empty."""
+        state = self.plant.state
+        if state is None or state.tells is None:
+            return ""
+        return self._conditions.goals.cannot_be_told({VELOCITY, YAW_RATE, *state.tells}, state.plant)
 
     @property
     def phase(self) -> str:
