@@ -6,15 +6,19 @@ import csv
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from fin_plant.fin import Fin, ProfiledFin
+from fin_sim.angular_momentum import angular_momentum_budget
 from fin_sim.batch import Status, swim_batch
-from fin_sim.chain import VIRTUAL_0, VIRTUAL_2, build_chain
+from fin_sim.batch.columns import fin_columns
+from fin_sim.batch.links import lane_constants, link_columns
+from fin_sim.chain import SOLID_2, TIP_VIRTUAL, VIRTUAL_0, VIRTUAL_1, VIRTUAL_2, Chain, Reactive, build_chain
+from fin_sim.dense_dynamics import bent_matrix, dense_kinematics, place
+from fin_sim.energy import energy_budget
 from fin_sim.fish import Fish, Link, ellipsoid_added_mass_factors
 from fin_sim.presets import preset
 from fin_sim.surface_3d.added_mass import link_factors, link_matrix, straight_kinematics
@@ -22,9 +26,6 @@ from fin_sim.surface_3d.ellipsoid import Ellipsoid
 from fin_sim.surface_3d.factors import factors, rectangle_factors
 from fin_sim.surface_3d.sheet import Sheet
 from fin_sim.swim import PAPER_FISH, swim
-
-if TYPE_CHECKING:
-    from fin_sim.water_settings import Wake
 
 DATA = Path(__file__).parents[1] / "data" / "potential_flow"
 AXES = (0.14, 0.045, 0.06)
@@ -109,6 +110,7 @@ def straight_matrix(length: float, height: float) -> tuple[Array, Array]:
     own = link_matrix(links, BODY, 1000.0)
     moves = straight_kinematics([link.length for link in links], 0.07)
     body = PAPER_FISH.body
+    own = own[: len(moves)]
     whole = moves.T @ own @ moves + np.diag([body.added_surge, body.added_sway, body.added_inertia, 0.0, 0.0, 0.0])
     return whole, own
 
@@ -173,19 +175,21 @@ def test_a_fin_of_any_outline_has_factors_of_its_own_that_its_size_does_not_chan
     assert factors(nearly) == pytest.approx(factors([Link(0.03, 0.02, 0.02)] * 2), rel=1e-3)
 
 
-def test_a_batch_has_the_links_of_a_chain() -> None:
-    fish = in_three_dimensions()
-    fins = [
-        Fin(),
-        Fin(length=0.05, height=0.03, tip_height=0.01),
-        ProfiledFin(profile_position=(0.4,), profile_height=(0.04,)),
-    ]
-    wakes: tuple[Wake, ...] = ("lighthill", "none")
-    for wake in wakes:
-        swimming = replace(fish, water=replace(fish.water, wake=wake))
-        batch = swim_batch(fins, swimming, duration=3.0, threads=1)
-        for fin, speed in zip(fins, batch.mean_speed, strict=True):
-            assert speed == pytest.approx(swim(fin, swimming, duration=3.0).mean_speed, rel=1e-3)
+@pytest.mark.parametrize("wake", ["lighthill", "none"])
+@pytest.mark.parametrize("tip_term", ["strip", "scaled"])
+def test_a_batch_has_the_links_of_a_chain(wake: str, tip_term: str) -> None:
+    fish = in_three_dimensions(wake=wake, tip_term=tip_term)
+    profiled = ProfiledFin(segments=3, tip_height=0.01, profile_position=(0.4,), profile_height=(0.04,))
+    fins = [THREE.fin, replace(THREE.fin, length=0.05, height=0.03, tip_height=0.01), profiled]
+    for fin in fins:
+        columns = link_columns(fish, fin_columns([fin]))
+        lane, chain = lane_constants(columns, fish.water), build_chain(fish, fin).link_table()
+        assert lane["virtual_mass"][0] == pytest.approx(chain[:, VIRTUAL_0], rel=1e-9)
+        assert lane["virtual_first"][0] == pytest.approx(chain[:, VIRTUAL_1], rel=1e-9)
+        assert lane["normal_second"][0] == pytest.approx(chain[:, VIRTUAL_2] + chain[:, SOLID_2], rel=1e-9)
+        assert lane["tip_virtual"][0, -1] == pytest.approx(chain[-1, TIP_VIRTUAL], rel=1e-9)
+    batch = swim_batch(fins[:1], fish, duration=3.0, reactive="tip", threads=1)
+    assert batch.mean_speed[0] == pytest.approx(swim(fins[0], fish, duration=3.0, reactive="tip").mean_speed, rel=1e-3)
 
 
 def test_short_fins_are_lighter_than_the_strips_and_long_ones_hardly() -> None:
@@ -223,7 +227,7 @@ def test_the_papers_simulation_peaks_where_it_should() -> None:
 def test_the_matrix_takes_the_place_of_the_moments() -> None:
     chain = build_chain(in_three_dimensions(added_mass="matrix"), Fin())
     assert not chain.link_table()[:, VIRTUAL_0 : VIRTUAL_2 + 1].any()
-    assert len(chain.added_mass()) == 3 + 2 * len(chain.links)
+    assert chain.added_mass().shape == (3 + 4 * len(chain.links), 3 + 2 * len(chain.links))
     assert build_chain(in_three_dimensions(), Fin()).added_mass().shape == (0, 0)
 
 
@@ -235,3 +239,66 @@ def test_a_tail_that_begins_inside_of_the_body_is_refused_where_the_flow_around_
     with pytest.raises(ValueError, match=r"needs the body's length, width and height"):
         build_chain(replace(fish, axes=None), Fin())
     assert swim_batch([Fin()], inside, duration=1.0).status[0] == Status.REFUSED
+
+
+IDEAL = in_three_dimensions(THREE.fish, wake="none", drag="off", added_mass="matrix")
+
+
+def test_a_bent_tail_moves_as_much_water_as_in_another_solver() -> None:
+    chain = build_chain(IDEAL, THREE.fin)
+    state = np.zeros(12)
+    state[6:9] = 0.2, 0.3, 0.4
+    motions, jacobian, _, poses = dense_kinematics(state, chain.link_table(), chain.body.tail_offset)
+    matrix = bent_matrix(chain.added_mass(), motions, np.zeros(3), poses)[0]
+    moves = jacobian[[place(i) for i in range(9)]]
+    body = chain.body
+    own = moves.T @ matrix @ moves + np.diag([body.added_surge, body.added_sway, body.added_inertia, 0.0, 0.0, 0.0])
+    for row in rows("fish3d"):
+        if row["case"] == "fish_8x2.5_bent":
+            i, j = int(row["row"]), int(row["column"])
+            assert own[i, j] == pytest.approx(float(row["value"]), abs=7.5e-3 * math.sqrt(own[i, i] * own[j, j]))
+
+
+@pytest.mark.parametrize("row", [row for row in rows("fish_swims") if row["model"] == "surface_3d"])
+def test_fish_without_wake_and_drag_swim_as_with_another_solver(row: dict[str, str]) -> None:
+    fin = replace(THREE.fin, young_modulus=float(row["E_Pa"]), damping_time=float(row["damping_time_s"]))
+    swum = swim(fin, IDEAL)
+    assert swum.x[-1] == pytest.approx(float(row["x_m"]), rel=1e-2)
+    assert swum.y[-1] == pytest.approx(float(row["y_m"]), rel=1e-2)
+    assert swum.heading[-1] == pytest.approx(float(row["heading"]), rel=1e-2)
+    assert swum.mean_speed == pytest.approx(1e-2 * float(row["mean_speed_cm_s"]), rel=1e-2)
+
+
+@pytest.mark.parametrize("added_mass", ["links", "matrix"])
+@pytest.mark.parametrize(("wake", "drag"), [("none", "off"), ("lighthill", "on"), ("none", "on")])
+def test_no_energy_and_no_angular_momentum_come_from_nowhere(added_mass: str, wake: str, drag: str) -> None:
+    fish = in_three_dimensions(added_mass=added_mass, wake=wake, drag=drag)
+    swum = swim(replace(THREE.fin, young_modulus=1e9), fish, duration=2.0, sample_time=2e-3)
+    energy = energy_budget(swum)
+    gained = np.trapezoid(energy.supplied - energy.lost, swum.time)
+    assert energy.stored[-1] == pytest.approx(gained, abs=2e-5 * float(np.max(energy.stored)))
+    turning = angular_momentum_budget(swum)
+    moments = turning.wake + turning.resistive + turning.body
+    swept = swum.chain.body_vector()[2] * float(np.max(np.abs(swum.yaw_rate)))
+    assert turning.stored[-1] - turning.stored[0] == pytest.approx(np.trapezoid(moments, swum.time), abs=2e-5 * swept)
+
+
+def test_a_matrix_of_links_that_move_no_other_swims_as_the_moments_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = build_chain(in_three_dimensions(), Fin())
+
+    def blocks(chain: Chain) -> Array:
+        count = len(chain.links)
+        matrix = np.zeros((3 + 4 * count, 3 + 2 * count))
+        for index, (mass, first, second) in enumerate(alone.link_table()[:, VIRTUAL_0 : VIRTUAL_2 + 1]):
+            at = slice(3 + 2 * index, 5 + 2 * index)
+            matrix[at, at] = [[mass, -first], [-first, second]]
+        return matrix if chain.water.has_matrix else np.zeros((0, 0))
+
+    forms: tuple[Reactive, ...] = ("tip", "distributed")
+    expected = [swim(Fin(), in_three_dimensions(), duration=1.5, reactive=form) for form in forms]
+    monkeypatch.setattr(Chain, "added_mass", blocks)
+    for form, other in zip(forms, expected, strict=True):
+        swum = swim(Fin(), in_three_dimensions(added_mass="matrix"), duration=1.5, reactive=form)
+        for name in ("x", "heading", "joint_angles", "servo_power", "force", "convective_force"):
+            own, theirs = getattr(swum, name), getattr(other, name)
+            assert own == pytest.approx(theirs, abs=1e-8 * float(np.max(np.abs(theirs)))), name

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_sim import chain as tables
+from fin_sim.dense_dynamics import water_of_matrix
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -70,6 +71,8 @@ def angular_momentum_budget(swim: Swim) -> AngularMomentumBudget:
     forward, left = _axes(swim.heading)
     surge, sway, yaw = swim.water_surge, swim.water_sway, swim.yaw_rate
     stored = _cross(place, constants[0] * surge * forward + constants[1] * sway * left) + constants[2] * yaw
+    if chain.water.has_matrix:
+        stored = stored + water_of_matrix(swim)[1]
     speed = np.hypot(surge, sway)
     drag, side = constants[8] + constants[4] * speed, constants[5] * speed * np.arctan2(sway, surge)
     force = (side * sway - drag * surge) * forward - (side * surge + drag * sway) * left

@@ -197,7 +197,7 @@ class Chain:
         The body's own added mass is left out: it stands in `body_vector`.
 
         Returns:
-            Shape (3 + 2 N, 3 + 2 N), see `surface_3d.added_mass.link_matrix`; (0, 0) where the moments count.
+            Shape (3 + 4 N, 3 + 2 N), see `surface_3d.added_mass.link_matrix`; (0, 0) where the moments count.
 
         Raises:
             ValueError: The tail begins inside of the body, or the matrix is not positive.
@@ -275,7 +275,7 @@ class Chain:
             from fin_sim.surface_3d.added_mass import straight_kinematics  # noqa: PLC0415
 
             moves = straight_kinematics([link.length for link in self.links], self.body.tail_offset)[:, 1:]
-            mass += moves.T @ added @ moves
+            mass += moves.T @ added[: added.shape[1]] @ moves
         return mass
 
     def _joints(self, *, driven: bool) -> list[int]:

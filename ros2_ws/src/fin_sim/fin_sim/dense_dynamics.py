@@ -3,7 +3,8 @@
 The water's kinetic energy is 1/2 q.A q with the motions q of body and links across themselves and a constant matrix A.
 Each q is the velocity of one rigid body in its own axes, so Lagrange's equations are Kirchhoff's for each (Lamb,
 *Hydrodynamics*, 1932, article 124): with the momentum P = A q, d P/dt in the tank's axes and, about the joint, V x P.
-The joints couple them: M = J^T (A + solid) J, solved densely.
+The joints couple them: M = J^T (A + solid) J, solved densely. Only the coupling of surge to the links changes with the
+bending: it adds its rate to d P/dt and its slope in the joints' angles to their torques.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from fin_sim.compiled import kernel
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from fin_sim.swim_result import Swim
+
     Array = NDArray[np.float64]
 
 
@@ -43,11 +46,11 @@ def dense_kinematics(state: Array, links: Array, offset: float) -> tuple[Array, 
     Returns:
         Motions in their own axes, forward, left, turning: body, then links, shape (3 + 3 N,). Their Jacobian, shape
         (3 + 3 N, 3 + N). Their rates while no coordinate accelerates, shape (3 + 3 N,). Sine and cosine of each link's
-        angle to the body, shape (N, 2).
+        angle to the body, and its joint's place in the body's axes, m, shape (N, 4).
     """
     count = links.shape[0]
     jacobian, bias = np.zeros((3 + 3 * count, 3 + count)), np.zeros(3 + 3 * count)
-    motions, turns, places = np.zeros(3 + 3 * count), np.zeros((count, 2)), np.zeros((count, 2))
+    motions, poses = np.zeros(3 + 3 * count), np.zeros((count, 4))
     u, v, r = state[3], state[4], state[5]
     motions[0], motions[1], motions[2] = u, v, r
     for i in range(3):
@@ -58,7 +61,7 @@ def dense_kinematics(state: Array, links: Array, offset: float) -> tuple[Array, 
         angle += state[6 + k]
         turn += state[6 + count + k]
         sine, cosine = np.sin(angle), np.cos(angle)
-        turns[k, 0], turns[k, 1], places[k, 0], places[k, 1] = sine, cosine, px, py
+        poses[k, 0], poses[k, 1], poses[k, 2], poses[k, 3] = sine, cosine, px, py
         at = 3 + 3 * k
         along, normal = vx * cosine + vy * sine, -vx * sine + vy * cosine
         motions[at], motions[at + 1], motions[at + 2] = along, normal, turn
@@ -72,7 +75,7 @@ def dense_kinematics(state: Array, links: Array, offset: float) -> tuple[Array, 
             1.0,
         )
         for j in range(k + 1):
-            dx, dy = px - places[j, 0], py - places[j, 1]
+            dx, dy = px - poses[j, 2], py - poses[j, 3]
             jacobian[at, 3 + j] = dx * sine - dy * cosine
             jacobian[at + 1, 3 + j] = dy * sine + dx * cosine
             jacobian[at + 2, 3 + j] = 1.0
@@ -80,7 +83,46 @@ def dense_kinematics(state: Array, links: Array, offset: float) -> tuple[Array, 
         vx, vy = vx + length * turn * sine, vy - length * turn * cosine
         px, py = px - length * cosine, py - length * sine
         ax, ay = ax + length * turn * turn * cosine, ay + length * turn * turn * sine
-    return motions, jacobian, bias, turns
+    return motions, jacobian, bias, poses
+
+
+@kernel
+def place(coordinate: int) -> int:
+    """Return which motion a coordinate of the matrix is: the body's three, then two of each link's three."""
+    return coordinate if coordinate < 3 else 3 + 3 * ((coordinate - 3) // 2) + 1 + (coordinate - 3) % 2  # noqa: PLR2004
+
+
+@kernel
+def bent_matrix(added: Array, motions: Array, rates: Array, poses: Array) -> tuple[Array, Array, Array]:
+    """Return the matrix of a bent tail, what its change adds to the momenta's rates, and to the joints' torques.
+
+    Args:
+        added: Shape (3 + 4 N, 3 + 2 N), see `surface_3d.added_mass.link_matrix`.
+        motions: From `dense_kinematics`.
+        rates: Of the joints, rad/s, shape (N,).
+        poses: From `dense_kinematics`.
+
+    Returns:
+        Shapes (3 + 2 N, 3 + 2 N), (3 + 3 N,) and (N,).
+    """
+    count, size = poses.shape[0], added.shape[1]
+    matrix, change, torques = added[:size].copy(), np.zeros(3 + 3 * count), np.zeros(count)
+    for k in range(count):
+        for part in range(2):
+            row = size + 2 * k + part
+            bend, speed, carried = poses[k, 0] if part == 0 else -poses[k, 3], 0.0, 0.0
+            for i in range(1, size):
+                carried += added[row, i] * motions[place(i)]
+            for j in range(k + 1):
+                slope = poses[k, 1] if part == 0 else poses[j, 2] - poses[k, 2]
+                speed += slope * rates[j]
+                torques[j] += motions[0] * slope * carried
+            change[0] += speed * carried
+            for i in range(1, size):
+                matrix[0, i] += bend * added[row, i]
+                matrix[i, 0] += bend * added[row, i]
+                change[place(i)] += speed * added[row, i] * motions[0]
+    return matrix, change, torques
 
 
 @kernel
@@ -90,7 +132,7 @@ def add_inertia(links: Array, body: Array, added: Array, columns: Array, water: 
     Args:
         links: As for `dynamics.evaluate`.
         body: As there.
-        added: Shape (3 + 2 N, 3 + 2 N), see `surface_3d.added_mass.link_matrix`.
+        added: Shape (3 + 2 N, 3 + 2 N), from `bent_matrix`.
         columns: Shape (3 + 3 N, C).
         water: Written, without the body's own added mass, shape (3 + 3 N, C).
         whole: Written, shape (3 + 3 N, C).
@@ -98,9 +140,9 @@ def add_inertia(links: Array, body: Array, added: Array, columns: Array, water: 
     count, width = links.shape[0], columns.shape[1]
     water[:] = 0.0
     for i in range(added.shape[0]):
-        row = i if i < 3 else 3 + 3 * ((i - 3) // 2) + 1 + (i - 3) % 2  # noqa: PLR2004  (the body's three come first)
+        row = place(i)
         for j in range(added.shape[0]):
-            column = j if j < 3 else 3 + 3 * ((j - 3) // 2) + 1 + (j - 3) % 2  # noqa: PLR2004
+            column = place(j)
             for c in range(width):
                 water[row, c] += added[i, j] * columns[column, c]
     for c in range(width):
@@ -158,7 +200,7 @@ def evaluate_dense(
         drive: As there.
         links: As there; the virtual moments are not read.
         body: As there.
-        added: Shape (3 + 2 N, 3 + 2 N): the water's added mass but for the body's own.
+        added: Shape (3 + 4 N, 3 + 2 N): the water's added mass but for the body's own.
         free: As there.
         distributed: As there.
         forces: Resistive force across each link and its moment about the joint, shape (N, 2).
@@ -168,13 +210,16 @@ def evaluate_dense(
     """
     count = links.shape[0]
     size, rows = 3 + count, 3 + 3 * count
-    motions, jacobian, bias, turns = kinematics
+    motions, jacobian, bias, poses = kinematics
     u, v, r = motions[0], motions[1], motions[2]
     # Columns: the coordinates, the rates that stay, and the motion itself.
     columns = np.zeros((rows, size + 2))
     columns[:, :size], columns[:, size], columns[:, size + 1] = jacobian, bias, motions
     water, whole = np.zeros((rows, size + 2)), np.zeros((rows, size + 2))
-    add_inertia(links, body, added, columns, water, whole)
+    matrix, change, bending = bent_matrix(added, motions, state[6 + count : 6 + 2 * count], poses)
+    add_inertia(links, body, matrix, columns, water, whole)
+    water[:, size] += change
+    whole[:, size] += change
 
     # What each body asks for while no coordinate accelerates, less the forces on it, in its own axes.
     asked, reaction = np.zeros(rows), np.zeros(rows)
@@ -200,8 +245,8 @@ def evaluate_dense(
             force_n += shed
             force_e += 0.5 * links[k, TIP_VIRTUAL] * end * end
             moment -= links[k, LENGTH] * shed
-        convective_x += force_e * turns[k, 1] - force_n * turns[k, 0]
-        convective_y += force_e * turns[k, 0] + force_n * turns[k, 1]
+        convective_x += force_e * poses[k, 1] - force_n * poses[k, 0]
+        convective_y += force_e * poses[k, 0] + force_n * poses[k, 1]
         munk = along * whole[at + 1, last] - normal * whole[at, last]
         if not distributed:  # the papers' form leaves the water's moment out
             munk -= along * water[at + 1, last]
@@ -226,6 +271,7 @@ def evaluate_dense(
             known = not free
         else:
             known = links[i - 3, PRESCRIBED] > 0.0
+            push[i] += bending[i - 3]
             rates[i] = drive[i - 3, 2] if known else 0.0
             if not known:
                 push[i] += torques[i - 3]
@@ -270,10 +316,44 @@ def evaluate_dense(
         across = -water[at + 1, size]
         for j in range(size):
             across -= water[at + 1, j] * rates[j]
-        force_x += reaction[at] * turns[k, 1] - across * turns[k, 0]
-        force_y += reaction[at] * turns[k, 0] + across * turns[k, 1]
+        force_x += reaction[at] * poses[k, 1] - across * poses[k, 0]
+        force_y += reaction[at] * poses[k, 0] + across * poses[k, 1]
     record[0] = force_x * heading_cosine - force_y * heading_sine
     record[1] = force_x * heading_sine + force_y * heading_cosine
     record[2] = convective_x * heading_cosine - convective_y * heading_sine
     record[3] = convective_x * heading_sine + convective_y * heading_cosine
     record[4], record[5] = power, electrical_power
+
+
+def water_of_matrix(swim: Swim) -> tuple[Array, Array]:
+    """Return what the water of a matrix stores over a swim's samples, without the body's own added mass.
+
+    Args:
+        swim: Of a chain whose `Chain.added_mass` has a matrix.
+
+    Returns:
+        Kinetic energy in J, shape (S,), and angular momentum about the swim's start in the frame that moves with the
+        water, kg m^2/s, shape (S,).
+    """
+    chain, links = swim.chain, swim.chain.link_table()
+    added, size = chain.added_mass(), 3 + 2 * len(links)
+    own = [place(i) for i in range(size)]
+    x, y = swim.x - chain.water.current_x * swim.time, swim.y - chain.water.current_y * swim.time
+    columns = (x, y, swim.heading, swim.water_surge, swim.water_sway, swim.yaw_rate)
+    states = np.column_stack((*columns, swim.joint_angles, swim.joint_rates))
+    energy, moment = np.zeros(len(states)), np.zeros(len(states))
+    for index, state in enumerate(states):
+        motions, _, _, poses = dense_kinematics(state, links, chain.body.tail_offset)
+        matrix = bent_matrix(added, motions, state[6 + len(links) :], poses)[0]
+        momenta = matrix @ motions[own]
+        energy[index] = 0.5 * motions[own] @ momenta
+        sine, cosine = np.sin(state[2]), np.cos(state[2])
+        push = np.array([cosine * momenta[0] - sine * momenta[1], sine * momenta[0] + cosine * momenta[1]])
+        moment[index] = state[0] * push[1] - state[1] * push[0] + momenta[2]
+        for (link_sine, link_cosine, at_x, at_y), across, turning in zip(
+            poses, momenta[3::2], momenta[4::2], strict=True
+        ):
+            left = (-link_sine * cosine - link_cosine * sine, link_cosine * cosine - link_sine * sine)
+            joint = (state[0] + at_x * cosine - at_y * sine, state[1] + at_x * sine + at_y * cosine)
+            moment[index] += across * (joint[0] * left[1] - joint[1] * left[0]) + turning
+    return energy, moment

@@ -317,7 +317,7 @@ def _evaluate_with(
 ) -> None:
     """Do as `evaluate`, with a matrix of added mass in the place of the links' virtual moments if there is one.
 
-    ``added`` has the shape (0, 0), or (3 + 2 N, 3 + 2 N); see `Chain.added_mass`.
+    ``added`` has the shape (0, 0), or (3 + 4 N, 3 + 2 N); see `Chain.added_mass`.
     """
     if added.shape[0] == 0:
         evaluate(state, drive, links, body, free, distributed, derivative, record, scratch)

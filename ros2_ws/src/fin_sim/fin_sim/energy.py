@@ -9,6 +9,7 @@ import numpy as np
 
 from fin_plant import checks
 from fin_sim import chain as tables
+from fin_sim.dense_dynamics import water_of_matrix
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,6 +72,8 @@ def energy_budget(swim: Swim) -> EnergyBudget:
     surge, sway, yaw = swim.water_surge, swim.water_sway, swim.yaw_rate  # the frame of the water is inertial
     speed = np.hypot(surge, sway)
     stored = 0.5 * (body[0] * surge**2 + body[1] * sway**2 + body[2] * yaw**2)
+    if chain.water.has_matrix:
+        stored = stored + water_of_matrix(swim)[0]
     resistive, dampers, wake = np.zeros_like(surge), np.zeros_like(surge), np.zeros_like(surge)
     angle, turn = np.zeros_like(surge), yaw
     vx, vy = surge, sway - chain.body.tail_offset * yaw

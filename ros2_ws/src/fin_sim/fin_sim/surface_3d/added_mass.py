@@ -138,15 +138,22 @@ def _strip_moment(link: Link, power: int) -> float:
 
 
 def link_matrix(links: Sequence[Link], body: Ellipsoid, density: float) -> Array:
-    """Return the added mass of body and links in the straight pose, shape (3 + 2 N, 3 + 2 N).
+    """Return the added mass of body and links in the straight pose, and what couples surge to a bent tail.
 
     Coordinates: surge, sway and yaw rate of the body, then of each link the velocity of its joint across it and its
     yaw rate. A link's motion across itself is its own: a bent chain's links do not move as a straight one's.
+
+    The body's surge carries water along with it, in which a bent tail moves across itself more slowly than in water at
+    rest: for each link, first the coupling of surge to every coordinate over the sine of the link's angle to the body,
+    then over the distance of its joint to the right of the body's axis; exact to the first order of the angles.
 
     Args:
         links: From the first joint to the trailing edge.
         body: The body, of which the rigid motion's own added mass is left out: that is Lamb's.
         density: Of the water, kg/m^3.
+
+    Returns:
+        Shape (3 + 2 N + 2 N, 3 + 2 N): the matrix, then the couplings of surge.
 
     Raises:
         ValueError: The matrix of the links is not positive.
@@ -174,10 +181,16 @@ def link_matrix(links: Sequence[Link], body: Ellipsoid, density: float) -> Array
     weights = np.hstack(
         (-against * areas, ((moments * sign).reshape(along, 1, -1) * spans[:, None]).reshape(along * across, -1))
     )
-    own = density * weights.T @ _solve(flow, motions)
-    matrix = np.zeros((3 + 2 * count, 3 + 2 * count))
-    matrix[1:, 1:] = 0.5 * (own + own.T)
-    if np.linalg.eigvalsh(matrix[1:, 1:])[0] <= 0.0:
+    strengths = density * _solve(flow, motions)
+    own = weights.T @ strengths
+    size = 3 + 2 * count
+    matrix = np.zeros((size + 2 * count, size))
+    matrix[1:size, 1:] = 0.5 * (own + own.T)
+    carried, spread = (part.reshape(along, across, 1) for part in body.surge_on_sheet(s, z))
+    surge = np.stack((carried + behind[:, None] * spread, np.broadcast_to(spread, (along, across, count))), axis=-1)
+    surge = (surge * (moments[:, None, :, :1] / area[:, None])).reshape(along * across, 2 * count)
+    matrix[size:, 1:] = (surge * areas).T @ strengths
+    if np.linalg.eigvalsh(matrix[1:size, 1:])[0] <= 0.0:
         msg = f"the added-mass matrix of {count} links is not positive: the tail's outline is too uneven for its panels"
         raise ValueError(msg)
     return matrix

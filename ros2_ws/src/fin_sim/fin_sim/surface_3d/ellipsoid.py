@@ -47,6 +47,33 @@ class Ellipsoid:
         x, y = (axis**2 + outside for axis in others)
         return np.asarray(2.0 / 3.0 * elliprd(x, y, own**2 + outside))
 
+    def _outside(self, x: Array, z: Array) -> Array:
+        """Return lambda, m^2, of the confocal ellipsoids through points of the plane y = 0."""
+        half = 0.5 * (x**2 + z**2 - self.a**2 - self.c**2)
+        return np.asarray(half + np.sqrt(half**2 + (x * self.c) ** 2 + (z * self.a) ** 2 - (self.a * self.c) ** 2))
+
+    def surge_on_sheet(self, s: Array, z: Array) -> tuple[Array, Array]:
+        """Return the forward velocity that the body's unit surge causes in the plane y = 0, and d v / d y of its v.
+
+        Lamb, article 114. A tail that is bent lies across the first and leaves the plane.
+
+        Args:
+            s: m, any shape.
+            z: m, of the same shape.
+
+        Returns:
+            Without unit, and in 1/m.
+        """
+        a, b, c = self.a, self.b, self.c
+        x = -self.offset - s
+        outside = self._outside(x, z)
+        squares = [axis**2 + outside for axis in (a, b, c)]
+        slope = -1.0 / (squares[0] * np.sqrt(squares[0] * squares[1] * squares[2]))  # of the integral over lambda
+        size = (x / squares[0]) ** 2 + (z / squares[2]) ** 2
+        scale = -1.0 / (2.0 / (a * b * c) - self._integral(a, (b, c), 0.0))
+        along = scale * (self._integral(a, (b, c), outside) + x * slope * 2.0 * x / squares[0] / size)
+        return np.asarray(along), np.asarray(scale * x * slope * 2.0 / (squares[1] * size))
+
     def flow_on_sheet(self, s: Array, z: Array) -> tuple[Array, Array]:
         """Return the velocity in y that the body's unit sway and unit yaw rate cause in the plane y = 0.
 
@@ -61,8 +88,7 @@ class Ellipsoid:
         """
         a, b, c = self.a, self.b, self.c
         x = -self.offset - s
-        half = 0.5 * (x**2 + z**2 - a**2 - c**2)
-        outside = half + np.sqrt(half**2 + (x * c) ** 2 + (z * a) ** 2 - (a * c) ** 2)  # confocal ellipsoid's lambda
+        outside = self._outside(x, z)
         beta = self._integral(b, (a, c), 0.0)
         sway = -self._integral(b, (a, c), outside) / (2.0 / (a * b * c) - beta)
         if a == b:
