@@ -166,8 +166,10 @@ def test_each_thing_that_a_page_must_hold_is_there() -> None:
     assert len(of_kind(page, Film)) == 1
     assert [("mean thrust", "2.3 mN")] in [block.entries for block in of_kind(page, Facts)]
     assert "The best of 12 fins" in page.lead[0]
-    settings = [cell.text for table in section(page, "settings").blocks for row in table.rows for cell in row]  # type: ignore[union-attr]
-    assert {"seed", "7", "version.numpy", "body.length [m]"} <= set(settings)
+    settings = dict(
+        entry for block in section(page, "settings").blocks if isinstance(block, Facts) for entry in block.entries
+    )
+    assert settings.items() >= {("seed", "7"), ("version.numpy", "2"), ("body.length [m]", "0.14")}
 
 
 def test_a_study_without_a_score_says_so_and_why() -> None:

@@ -5,21 +5,24 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from fin_optimizer.study.file_names import JOURNAL_FILE, SETTINGS_FILE
 from fin_optimizer.study.folder import bags_in, read_settings
 from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.provenance import provenance
 from fin_optimizer.study.records import read_ledger
+from fin_plant import json_file
 from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from fin_optimizer.paper.experiments import Campaign
     from fin_optimizer.report.parts import Page
     from fin_optimizer.report.study_facts import StudyFacts
     from fin_optimizer.study.candidate import TrialRecord
@@ -78,10 +81,42 @@ def _page(folders: Sequence[Path], target: Path) -> Page:
         StudyError: There is no study, or this version cannot read it.
         ValueError: A campaign that cannot be read.
     """
+    if len(folders) > 1:
+        from fin_optimizer.report.comparison_page import comparison_page  # noqa: PLC0415
+
+        return comparison_page([study_facts(folder, beside=target.parent, simulated=False) for folder in folders])
+    (folder,) = folders
+    campaign = _campaign(folder)
+    if campaign is not None:
+        from fin_optimizer.paper.campaign import finished  # noqa: PLC0415
+        from fin_optimizer.paper.experiments import planned_runs  # noqa: PLC0415
+        from fin_optimizer.report.campaign_page import campaign_page  # noqa: PLC0415
+
+        return campaign_page(folder.resolve().name, campaign, finished(folder, planned_runs(campaign)), provenance())
     from fin_optimizer.report.study_page import study_page  # noqa: PLC0415
 
-    (folder,) = folders
     return study_page(study_facts(folder, beside=target.parent))
+
+
+def _campaign(folder: Path) -> Campaign | None:
+    """Return the campaign whose folder this is, None if it is another's.
+
+    Raises:
+        ValueError: A campaign of another version.
+    """
+    if not (folder / "runs").is_dir() or (folder / JOURNAL_FILE).exists():
+        return None
+    from fin_optimizer.paper.experiments import Campaign  # noqa: PLC0415
+
+    try:
+        content = dict(json_file.parse((folder / SETTINGS_FILE).read_text(encoding="utf-8")))  # type: ignore[call-overload]
+        known = {each.name for each in fields(Campaign)}  # an older one lacks some, which it had by default
+        given = {name: value for name, value in content.items() if name in known}
+        settings: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in given.items()}
+        return Campaign(**settings)
+    except (OSError, LookupError, TypeError, ValueError) as error:
+        msg = f"{folder} holds runs of a campaign, but its {SETTINGS_FILE} cannot be read ({error})"
+        raise ValueError(msg) from error
 
 
 def write_report(folders: Sequence[Path], output: Path | None = None) -> Path:

@@ -19,7 +19,7 @@
   /** Return a plot's data and layout in the colours that the page has now. */
   function dressed(plot) {
     const figure = JSON.parse(plot.given.replace(/var\(--([a-z0-9]+)\)/g, (_, name) => colour(name)));
-    const axis = { gridcolor: colour("grid"), linecolor: colour("line"), zerolinecolor: colour("line"), automargin: true };
+    const axis = { gridcolor: colour("grid"), linecolor: colour("line"), zeroline: false, automargin: true };
     const layout = figure.layout;
     for (const name of Object.keys(layout).filter((key) => /^[xy]axis/.test(key))) {
       layout[name] = { ...axis, ...layout[name] };
@@ -34,7 +34,7 @@
         margin: { l: 56, r: 16, t: 28, b: 44 },
         hovermode: "closest",
         hoverlabel: { bgcolor: colour("panel"), bordercolor: colour("line"), font: { color: colour("ink") } },
-        legend: { orientation: "h", x: 0, y: -56 / (plot.drawing.clientHeight - 74), yanchor: "top" },
+        legend: { orientation: "h", x: 0, y: -62 / (plot.drawing.clientHeight - 74), yanchor: "top" },
         dragmode: matchMedia("(pointer: coarse)").matches ? false : "zoom",
         modebar: { bgcolor: "rgba(0,0,0,0)", color: colour("quiet"), activecolor: colour("ink") },
         ...layout,
@@ -61,8 +61,8 @@
       told("This browser is too old to unpack the plots; all tables and numbers are here.");
       return false;
     }
-    const bytes = Uint8Array.from(atob(bundle.textContent), (character) => character.charCodeAt(0));
-    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    const packed = await fetch(`data:application/gzip;base64,${bundle.textContent}`);
+    const stream = packed.body.pipeThrough(new DecompressionStream("gzip"));
     const script = document.createElement("script");
     script.textContent = await new Response(stream).text();
     document.head.append(script);
@@ -117,6 +117,7 @@
 
   class Film {
     constructor(figure) {
+      this.isPlaying = false;
       this.canvas = figure.querySelector("canvas");
       this.data = JSON.parse(figure.querySelector("script").textContent);
       this.button = figure.querySelector(".play");
@@ -130,8 +131,9 @@
         this.show(Number(this.slider.value));
       });
       // Who wants no motion sees the middle of the swim and may play it.
-      if (matchMedia("(prefers-reduced-motion: reduce)").matches) this.show(this.data.frames.length >> 1);
-      else this.play();
+      const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
+      this.show(isStill ? this.data.frames.length >> 1 : 0);
+      if (!isStill) this.play();
     }
 
     play() {
@@ -144,7 +146,9 @@
         passed += (Math.max(0, now - (last ?? now)) / 1000) * this.data.rate;
         last = now;
         if (passed >= this.data.frames.length) passed = 0;
-        if (Math.floor(passed) !== this.frame || this.frame === 0) this.show(Math.floor(passed));
+        const { top, bottom } = this.canvas.getBoundingClientRect();
+        const isSeen = bottom > 0 && top < innerHeight;
+        if (isSeen && (Math.floor(passed) !== this.frame || this.frame === 0)) this.show(Math.floor(passed));
         requestAnimationFrame(tick);
       };
       requestAnimationFrame(tick);

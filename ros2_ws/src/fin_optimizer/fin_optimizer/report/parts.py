@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -65,12 +65,14 @@ class Facts:
 
     Attributes:
         entries: Each a name and what it is.
-        is_large: Whether they are what is seen first.
+        look: ``large`` for what is seen first, ``cards`` for a few numbers, ``list`` for many.
+        title: A heading of their own; none if empty.
     """
 
     kind: ClassVar[str] = "facts"
     entries: Sequence[tuple[str, str]]
-    is_large: bool = False
+    look: Literal["large", "cards", "list"] = "cards"
+    title: str = ""
 
 
 @dataclass(frozen=True)

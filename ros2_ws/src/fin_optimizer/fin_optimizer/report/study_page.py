@@ -43,7 +43,7 @@ def study_page(facts: StudyFacts) -> Page:
     return Page(
         title=f"Study {facts.name}",
         lead=lead(facts),
-        facts=Facts(_seen_first(facts), is_large=True),
+        facts=Facts(_seen_first(facts), "large"),
         sections=[section for section in sections if section is not None],
         notes=facts.notes,
     )
@@ -301,22 +301,22 @@ def _names(trials: Sequence[TrialRecord]) -> str:
 
 
 def _settings(facts: StudyFacts) -> Section:
-    blocks: list[Block] = [_pairs(facts.settings.flat(), "setting")]
+    blocks: list[Block] = [listed(facts.settings.flat(), "Study")]
     said = ["What decides candidates and scores: it cannot change while a study goes on."]
     seed = facts.settings.details.get("seed")
     if seed is not None:
         said.append(f"Seed {seed}: with it, and what was tried before, each candidate can be computed again.")
     if facts.fish:
-        blocks.append(_pairs(facts.fish, "of the fish"))
+        blocks.append(listed(facts.fish, "Fish"))
     if facts.versions:
         said.append(f"Versions are {facts.versions_of}.")
-        blocks.append(_pairs(facts.versions, "version"))
+        blocks.append(listed(facts.versions, "Versions"))
     return Section("settings", "Parameters, versions, seed", said, blocks)
 
 
-def _pairs(content: Mapping[str, object], what: str) -> Table:
-    rows = [[Cell(_with_unit(name)), Cell(_text(value))] for name, value in content.items()]
-    return Table([Column(what, is_number=False), Column("value", is_number=False)], rows)
+def listed(content: Mapping[str, object], title: str) -> Facts:
+    """Return many names with their units and values."""
+    return Facts([(_with_unit(name), _text(value)) for name, value in content.items()], "list", title)
 
 
 def _with_unit(name: str) -> str:
