@@ -28,6 +28,7 @@ from fin_optimizer.paper.experiments import (
     speeds,
 )
 from fin_optimizer.search.hill_climber import HillClimber
+from fin_optimizer.study.file_names import IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
 from fin_sim.presets import preset
 
 if TYPE_CHECKING:
@@ -96,9 +97,9 @@ def test_the_command_writes_tables_and_figures_the_same_on_any_number_of_process
     assert "hinge stiffness" in output.out
     assert "swims in" in output.err
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"study.json", "runs", "candidates.npz", "runs.csv", "paper.md"} | {
-        f"paper_figure_{number}.png" for number in (4, 5, 6, 7)
-    }
+    pictures = {f"paper_figure_{number}.png" for number in (4, 5, 6, 7)}
+    of_several = {f"{one}_{name}" for one in ("shape", "cma") for name in (SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE)}
+    assert names == {"study.json", "runs", "candidates.npz", "runs.csv", "paper.md"} | pictures | of_several
     results = campaign.finished(tmp_path / "out", planned_runs(SMALL))
     assert all(same(results[run], expected[run]) for run in expected)
     with np.load(tmp_path / "out" / "candidates.npz") as table:

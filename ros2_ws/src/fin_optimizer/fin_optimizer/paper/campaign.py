@@ -23,13 +23,13 @@ from functools import partial
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import wait
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from fin_optimizer.paper import comparison, figures
+from fin_optimizer.paper import comparison, experiments, figures, space_campaign, space_report
 from fin_optimizer.paper.experiments import (
     EXPERIMENTS,
     MODEL,
@@ -37,16 +37,27 @@ from fin_optimizer.paper.experiments import (
     STATED,
     Campaign,
     Run,
-    groups,
     in_water,
     perform,
     planned_runs,
 )
+from fin_optimizer.paper.files import write_whole
+from fin_optimizer.paper.space_campaign import (
+    DEFAULT_FISH,
+    LATER,
+    SWUM,
+    SpaceCampaign,
+    SpaceRun,
+    later_experiment,
+    own_value,
+)
+from fin_optimizer.search.algorithms import ALGORITHMS
 from fin_plant import checks, json_file
 from fin_plant.paths import given_path
 from fin_plant.start import interrupt_held_back
-from fin_sim.presets import preset
-from fin_sim.water_settings import PRESETS
+from fin_sim.chain import REACTIVE_FORMS
+from fin_sim.presets import PRESETS, preset
+from fin_sim.water_settings import PRESETS as WATERS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -54,21 +65,24 @@ if TYPE_CHECKING:
 
     from fin_optimizer.paper.experiments import Table
 
+    AnyRun = Run | SpaceRun
+
 _INTERRUPTED, _REFUSED = 130, 2
+_OF_A_SPACE = ("algorithm", "runs", "swims", "goal", "fish", "fin", "reactive", "duration", "settle")
+_OF_THE_PAPERS = (
+    "variant",
+    "hill_climber_runs",
+    "hill_climber_candidates",
+    "genetic_runs",
+    "generations",
+    "landscape",
+    "modulus",
+)
+RunT = TypeVar("RunT", Run, SpaceRun)
 
 
 Show = Callable[[int, int], None]
 """Told that so many more runs with so many swims are done."""
-
-
-def _write(path: Path, write: Callable[[Path], object]) -> None:
-    """Write a file whole or not at all: ``write`` gets a path beside it, which then takes its name."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part{path.suffix}")
-    try:
-        write(part)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _leave_out_water(settings: dict[str, Any]) -> None:
@@ -80,18 +94,26 @@ def _leave_out_water(settings: dict[str, Any]) -> None:
             del given["fish"]["water"][name]
 
 
-def _open_folder(folder: Path, campaign: Campaign) -> None:
+def _settings(campaign: Campaign | SpaceCampaign) -> dict[str, Any]:
+    """Return what decides a campaign's results."""
+    if isinstance(campaign, SpaceCampaign):
+        more = {"space": json.loads(campaign.space), "fish": {campaign.fish: asdict(campaign.given)}}
+    else:
+        more = {"fish": {name: asdict(preset(name)) for name in (MODEL, SIMULATION, STATED)}}
+    return dict(json.loads(json.dumps({**asdict(campaign), **more})))
+
+
+def _open_folder(folder: Path, campaign: Campaign | SpaceCampaign) -> None:
     """Make the folder, or see that it holds the same campaign."""
     settings = folder / "study.json"
-    fish = {name: asdict(preset(name)) for name in (MODEL, SIMULATION, STATED)}
-    wanted = json.loads(json.dumps({**asdict(campaign), "fish": fish}))
+    wanted = _settings(campaign)
     if campaign.water == "strip":
         _leave_out_water(wanted)
     try:
         (folder / "runs").mkdir(parents=True, exist_ok=True)
         if not settings.exists():
             text = json.dumps(wanted, indent=2) + "\n"
-            _write(settings, lambda path: path.write_text(text, encoding="utf-8"))
+            write_whole(settings, lambda path: path.write_text(text, encoding="utf-8"))
     except OSError as error:
         msg = f"cannot write to the folder {folder}: {error.strerror}; choose another one with --output"
         raise ValueError(msg) from None
@@ -109,7 +131,7 @@ def _open_folder(folder: Path, campaign: Campaign) -> None:
         raise ValueError(msg)
 
 
-def load_run(path: Path, run: Run) -> Table:
+def load_run(path: Path, run: AnyRun) -> Table:
     """Return the candidates of a finished run.
 
     Raises:
@@ -126,17 +148,17 @@ def load_run(path: Path, run: Run) -> Table:
         msg = f"result file {path} is that of run {name}: move it away, the run is then repeated"
         raise ValueError(msg)
     sizes = {column.shape for column in table.values()}
-    if not {"generation", "candidate", "young_modulus", "length", "height", "speed"} <= table.keys() or len(sizes) != 1:
+    if not set(run.columns) <= table.keys() or len(sizes) != 1:
         msg = f"result file {path} is damaged (columns missing or cut short): move it away, the run is then repeated"
         raise ValueError(msg)
     return table
 
 
-def _save(path: Path, run: Run, table: Table) -> None:
-    _write(path, lambda part: np.savez_compressed(part, allow_pickle=False, run=np.array(run.name), **table))
+def _save(path: Path, run: AnyRun, table: Table) -> None:
+    write_whole(path, lambda part: np.savez_compressed(part, allow_pickle=False, run=np.array(run.name), **table))
 
 
-def finished(folder: Path, runs: Sequence[Run]) -> dict[Run, Table]:
+def finished(folder: Path, runs: Sequence[RunT]) -> dict[RunT, Table]:
     """Return the runs whose results lie in the folder.
 
     Raises:
@@ -146,7 +168,7 @@ def finished(folder: Path, runs: Sequence[Run]) -> dict[Run, Table]:
     return {run: load_run(path, run) for run, path in paths.items() if path.exists()}
 
 
-def carry_out(runs: Sequence[Run], folder: Path, executor: Executor, show: Show) -> dict[Run, Table]:
+def carry_out(runs: Sequence[RunT], folder: Path, executor: Executor, show: Show) -> dict[RunT, Table]:
     """Carry out runs, write each as soon as its group is done, and return their tables.
 
     Args:
@@ -155,14 +177,15 @@ def carry_out(runs: Sequence[Run], folder: Path, executor: Executor, show: Show)
         executor: Where they are carried out; results do not depend on it.
         show: Told of every finished group.
     """
-    waiting = {executor.submit(perform, group): group for group in groups(runs)}
+    work: Any = space_campaign if any(isinstance(run, SpaceRun) for run in runs) else experiments
+    waiting = {executor.submit(work.perform, group): group for group in work.groups(runs)}
     results = {}
     try:
         for future in as_completed(waiting):
             for run, table in zip(waiting[future], future.result(), strict=True):
                 _save(folder / "runs" / f"{run.name}.npz", run, table)
                 results[run] = table
-                show(1, len(table["speed"]))
+                show(1, len(table["candidate"]))
     finally:
         for future in waiting:
             future.cancel()
@@ -179,13 +202,13 @@ def collect(folder: Path, results: Mapping[Run, Table]) -> None:
     }
     for name in results[ordered[0]]:
         columns[name] = np.concatenate([results[run][name] for run in ordered])
-    _write(folder / "candidates.npz", lambda path: np.savez_compressed(path, allow_pickle=False, **columns))
+    write_whole(folder / "candidates.npz", lambda path: np.savez_compressed(path, allow_pickle=False, **columns))
     lines = ["experiment,run,seed,swims,best_speed_m_s,young_modulus_pa,length_m,height_m"]
     for run in ordered:
         best = comparison.best(results[run])
         shown = ",".join(f"{best[name]:.9g}" for name in ("speed", "young_modulus", "length", "height"))
         lines.append(f"{run.experiment},{run.number},{run.seed},{len(results[run]['speed'])},{shown}")
-    _write(folder / "runs.csv", lambda path: path.write_text("\n".join(lines) + "\n", encoding="utf-8"))
+    write_whole(folder / "runs.csv", lambda path: path.write_text("\n".join(lines) + "\n", encoding="utf-8"))
 
 
 def _end_with_parent() -> None:
@@ -249,12 +272,16 @@ def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
         yield executor
 
 
-def compile_first(runs: Sequence[Run]) -> float:
+def compile_first(runs: Sequence[AnyRun]) -> float:
     """Compile what the runs need, so that workers find it in the cache; return the time that it took in s."""
     begun = time.perf_counter()
+    if isinstance(runs[0], SpaceRun):
+        space_campaign.perform([replace(runs[0], campaign=replace(runs[0].campaign, swims=1))])
+        return time.perf_counter() - begun
     small = {"landscape": 2, "generations": 1, "population": 2, "hill_climber_candidates": 1}
-    for experiment in dict.fromkeys(run.experiment for run in runs):
-        first = next(run for run in runs if run.experiment == experiment)
+    papers = [run for run in runs if isinstance(run, Run)]
+    for experiment in dict.fromkeys(run.experiment for run in papers):
+        first = next(run for run in papers if run.experiment == experiment)
         perform([replace(first, campaign=replace(first.campaign, **small))])  # type: ignore[arg-type]
     return time.perf_counter() - begun
 
@@ -265,10 +292,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     add = parser.add_argument
     names = ", ".join(EXPERIMENTS)
-    add("experiments", nargs="*", metavar="EXPERIMENT", help=f"all, or some of: {names}")
-    add("--output", type=given_path, default=Path("runs/campaign"), help="folder of the results (default: %(default)s)")
-    add("--variant", choices=("paper", "2012"), default="paper", help="sizes of the paper, or of Clark et al. 2012")
-    add("--water", choices=tuple(PRESETS), default="strip", help="preset of the water that all fish swim in")
+    later = ", ".join(LATER)
+    add("experiments", nargs="*", metavar="EXPERIMENT", help=f"all, or some of: {names}; or one of: {later}")
+    add("--output", type=given_path, help="folder of the results (default: runs/campaign, or of its own for a space)")
+    add("--variant", choices=("paper", "2012"), help="sizes of the paper, or of Clark et al. 2012")
+    add("--water", choices=tuple(WATERS), default="strip", help="preset of the water that all fish swim in")
     add("--seed", type=checks.read_whole_number, help="of all random numbers")
     add("--hill-climber-runs", type=checks.read_whole_number, help="runs of the hill climber")
     add("--hill-climber-candidates", type=checks.read_whole_number, help="fins that each of them tries")
@@ -283,13 +311,26 @@ def _parser() -> argparse.ArgumentParser:
         metavar=("LOW", "HIGH"),
         help="range of E in GPa for experiments on E alone",
     )
+    space = parser.add_argument_group("any search over the space of a file, in place of an experiment")
+    add = space.add_argument
+    add("--space", type=given_path, metavar="FILE", help="the space, a YAML file as a study takes it")
+    add("--algorithm", metavar="NAME", help=f"the search: {', '.join(ALGORITHMS)}")
+    add("--runs", type=checks.read_whole_number, help="runs of the search (default: 1)")
+    add("--swims", type=checks.read_whole_number, help="swims of a run (default: 1000)")
+    add("--goal", action="append", metavar="MEASURE", help=f"what is good, once or twice: {', '.join(SWUM)}")
+    add("--fish", help=f"{DEFAULT_FISH}, or one of {', '.join(PRESETS)} (default: {DEFAULT_FISH})")
+    add("--fin", action="append", type=own_value, metavar="fin.NAME=VALUE", help="what its fin has otherwise")
+    add("--reactive", choices=REACTIVE_FORMS, help="form of Lighthill's force (default: the fish's)")
+    add("--duration", type=checks.read_number, help="length of a swim from rest in s (default: 10)")
+    add("--settle", type=checks.read_number, help="start of the window of all measures in s (default: 0)")
+    add = parser.add_argument
     add("--workers", type=checks.read_whole_number, default=os.cpu_count() or 1, help="processes (default: one a core)")
     add("--dask", metavar="ADDRESS", help="carry the runs out on the Dask cluster with this scheduler")
     return parser
 
 
 def _campaign_of(arguments: argparse.Namespace) -> Campaign:
-    campaign = Campaign() if arguments.variant == "paper" else Campaign.clark()
+    campaign = Campaign.clark() if arguments.variant == "2012" else Campaign()
     sizes = ("seed", "hill_climber_runs", "hill_climber_candidates", "genetic_runs", "population", "generations")
     given = {
         name: getattr(arguments, name)
@@ -303,13 +344,74 @@ def _campaign_of(arguments: argparse.Namespace) -> Campaign:
     return replace(campaign, **given)
 
 
-def _run(arguments: argparse.Namespace, console: Console) -> None:
-    campaign = _campaign_of(arguments)
-    runs = planned_runs(campaign, arguments.experiments)
-    in_water(preset(SIMULATION), campaign.water)
+def _space_campaign_of(arguments: argparse.Namespace) -> SpaceCampaign | None:
+    """Return the campaign over a space that is asked for, if one is.
+
+    Raises:
+        ValueError: It is refused, or options that have no meaning for it are given.
+    """
+    later = [name for name in arguments.experiments if name in LATER]
+    given = {name: getattr(arguments, name) for name in _OF_A_SPACE if getattr(arguments, name) is not None}
+    if not later and arguments.space is None:
+        if given:
+            msg = f"--{next(iter(given))} needs a space: give --space FILE, or name one of {', '.join(LATER)}"
+            raise ValueError(msg)
+        return None
+    if len(arguments.experiments) > (arguments.space is None):
+        msg = f"{', '.join(arguments.experiments)}: a campaign over a space is carried out alone; leave the others out"
+        raise ValueError(msg)
+    if wrong := [name for name in _OF_THE_PAPERS if getattr(arguments, name) is not None]:
+        msg = f"--{wrong[0].replace('_', '-')} is of the papers' experiments: leave it out"
+        raise ValueError(msg)
+    shared = ("seed", "population", "water")
+    given |= {name: getattr(arguments, name) for name in shared if getattr(arguments, name) is not None}
+    if "goal" in given:
+        given["goals"] = tuple(given.pop("goal"))
+    if "fin" in given:
+        given["fin"] = tuple(given.pop("fin"))
+    if later:
+        return replace(later_experiment(later[0]), **given)
+    if "algorithm" not in given:
+        msg = f"--space needs --algorithm, one of {', '.join(ALGORITHMS)}"
+        raise ValueError(msg)
+    return SpaceCampaign.of_file(arguments.space, **given)
+
+
+def _folder_of(arguments: argparse.Namespace) -> Path:
+    if arguments.output is not None:
+        return Path(arguments.output)
+    if arguments.space is not None:
+        return Path("runs") / f"campaign-{arguments.space.stem}-{arguments.algorithm}"
+    later = [name for name in arguments.experiments if name in LATER]
+    return Path("runs") / (f"campaign-{later[0]}" if later else "campaign")
+
+
+def _run(arguments: argparse.Namespace, console: Console) -> Path:
+    """Carry out what is missing, write tables and pictures; return the folder."""
+    of_space = _space_campaign_of(arguments)
     workers = checks.whole_number("--workers", arguments.workers, 1)
-    folder: Path = arguments.output
-    _open_folder(folder, campaign)
+    folder = _folder_of(arguments)
+    warn = partial(console.print, "campaign: warning:", markup=False)
+    if of_space is not None:
+        _open_folder(folder, of_space)
+        found = _carried_out(of_space.planned(), folder, workers, arguments.dask, console)
+        paths = space_report.write(folder, of_space, found, warn)
+    else:
+        campaign = _campaign_of(arguments)
+        runs = planned_runs(campaign, arguments.experiments)
+        in_water(preset(SIMULATION), campaign.water)
+        _open_folder(folder, campaign)
+        results = _carried_out(runs, folder, workers, arguments.dask, console)
+        collect(folder, results)
+        paths = figures.write(folder, campaign, results, warn)
+    for path in paths:
+        console.print(f"wrote {path}")
+    return folder
+
+
+def _carried_out(
+    runs: Sequence[RunT], folder: Path, workers: int, dask: str | None, console: Console
+) -> dict[RunT, Table]:
     results = finished(folder, runs)
     missing = [run for run in runs if run not in results]
     if missing:
@@ -318,7 +420,7 @@ def _run(arguments: argparse.Namespace, console: Console) -> None:
         )
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs"))
         bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console)
-        with open_executor(workers, arguments.dask) as executor, bar:
+        with open_executor(workers, dask) as executor, bar:
             task = bar.add_task("swimming", total=len(missing))
             begun, swum = time.perf_counter(), 0
 
@@ -330,10 +432,7 @@ def _run(arguments: argparse.Namespace, console: Console) -> None:
             results |= carry_out(missing, folder, executor, show)
             took = time.perf_counter() - begun
         console.print(f"{swum} swims in {took:.1f} s, {swum / took:.0f} a second")
-    collect(folder, results)
-    warn = partial(console.print, "campaign: warning:", markup=False)
-    for path in figures.write(folder, campaign, results, warn):
-        console.print(f"wrote {path}")
+    return results
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -341,10 +440,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     try:
         options = _parser().parse_args(arguments)
-        _run(options, console)
-        report = options.output / "paper.md"
-        if report.exists():
-            sys.stdout.write(report.read_text(encoding="utf-8"))
+        folder = _run(options, console)
+        for report in (folder / "paper.md", folder / space_report.REPORT):
+            if report.exists():
+                sys.stdout.write(report.read_text(encoding="utf-8"))
     except ValueError as error:
         console.print(f"campaign: error: {error}", markup=False)
         sys.exit(_REFUSED)

@@ -118,6 +118,11 @@ class Run:
         return f"{self.experiment}-{self.number:03d}"
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of its table."""
+        return _COLUMNS
+
+    @property
     def preset(self) -> Preset:
         """Fin and fish that swim."""
         return in_water(preset(EXPERIMENTS[self.experiment].preset), self.campaign.water)

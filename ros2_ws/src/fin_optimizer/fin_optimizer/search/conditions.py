@@ -14,11 +14,15 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, NoReturn
 
+import numpy as np
+
 from fin_plant.units import PLAIN, QUANTITY, combined, si_unit, unit_of
 
 if TYPE_CHECKING:
     import re
     from collections.abc import Callable, Mapping
+
+    from numpy.typing import NDArray
 
     from fin_plant.units import Powers
 
@@ -52,6 +56,8 @@ class Condition:
     _terms: tuple[Term, ...] = field(compare=False, repr=False)
     _signs: tuple[type[ast.cmpop], ...] = field(compare=False, repr=False)
     _units: Mapping[str, str] = field(compare=False, repr=False)
+    is_arithmetic: bool = field(compare=False, repr=False)
+    """Whether it has sums, products and quotients alone, so that its terms take arrays too."""
 
     @classmethod
     def parse(cls, text: object, units: Mapping[str, str]) -> Condition:
@@ -83,6 +89,15 @@ class Condition:
                 return f"{self.text} is not met: {left:.6g}{unit} {word} {right:.6g}{unit} is wrong ({told})"
         return ""
 
+    def met(self, columns: Mapping[str, NDArray[np.float64]]) -> NDArray[np.bool_]:
+        """Return which candidates meet it, shape as of the columns' values, if it `is_arithmetic`."""
+        with np.errstate(all="ignore"):
+            values = [np.asarray(value(columns)) for _, value in self._terms]  # type: ignore[arg-type]
+            good = np.logical_and.reduce(np.broadcast_arrays(*map(np.isfinite, values)))
+            for sign, (left, right) in zip(self._signs, pairwise(values), strict=True):
+                good = good & _COMPARISONS[sign][1](left, right)
+        return np.asarray(good)
+
 
 class _Reader:
     """Reads one condition; the methods return the parts of its tree."""
@@ -92,6 +107,7 @@ class _Reader:
         self._units = units
         self._names: dict[str, None] = {}
         self._quantities: list[str] = []
+        self._is_arithmetic = True
 
     def condition(self) -> Condition:
         """Return the whole."""
@@ -115,7 +131,8 @@ class _Reader:
             self._same(one[0], other[0], "compares")
         if not self._names:
             self._refuse("it names nothing of the fin or the gait")
-        return Condition(self._text, tuple(self._names), terms, tuple(map(type, tree.ops)), self._units)
+        signs = tuple(map(type, tree.ops))
+        return Condition(self._text, tuple(self._names), terms, signs, self._units, self._is_arithmetic)
 
     def _with_factor(self, found: re.Match[str]) -> str:
         number, unit = found[1], found[2]
@@ -175,6 +192,7 @@ class _Reader:
         power = node.right.value if isinstance(node.right, ast.Constant) else None
         if isinstance(node.op, ast.BitXor) or type(power) is not int or power > _LARGEST_POWER:
             self._refuse(f"a power is written ** and a whole number up to {_LARGEST_POWER}")
+        self._is_arithmetic = False
         powers, value = self._term(node.left)
         return combined(PLAIN, powers, power), lambda numbers: float(value(numbers) ** power)
 
@@ -190,6 +208,7 @@ class _Reader:
         return unit_of(self._units[name])[1], lambda numbers: numbers[name]
 
     def _function(self, name: str, arguments: list[ast.expr]) -> Term:
+        self._is_arithmetic = False
         several = name in {"min", "max"}
         if (len(arguments) < 2) if several else (len(arguments) != 1):  # noqa: PLR2004
             self._refuse(f"{name} takes {'two or more values' if several else 'one value'}")

@@ -21,6 +21,9 @@ from fin_sim.rigid_fin import rigid_fin_load
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     from fin_plant.parameters import Value
 
 _SAMPLES = 2000
@@ -132,7 +135,8 @@ class Rules:
         for _ in range(_SAMPLES):
             rule, why = self.refusal(start, space.drawn(random))
             if not rule:
-                return Space(space.dimensions, partial(self.judge, dict(start)))
+                many = partial(can_be, space, self, dict(start)) if is_plain(self) else None
+                return Space(space.dimensions, partial(self.judge, dict(start)), many)
             met[rule].append(why)
         told = (f"{len(whys)} fail {rule} ({whys[-1]})" for rule, whys in sorted(met.items(), key=_count))
         msg = f"of {_SAMPLES} candidates drawn from the space none can be: {'; '.join(told)}"
@@ -176,6 +180,19 @@ class Rules:
         return frozenset(SETS) if self.stock else frozenset()
 
 
+def is_plain(rules: Rules) -> bool:
+    """Return whether all that follows from a candidate, and all that it must meet, can be computed for many at once."""
+    conditions = rules.conditions
+    return not rules.stock and all(each.is_arithmetic and not set(each.names) & set(DERIVED) for each in conditions)
+
+
+def can_be(space: Space, rules: Rules, start: Mapping[str, Any], numbers: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which rows of candidates can be, shape (candidates,), where the rules are plain."""
+    from fin_optimizer.search.many import columns_of  # noqa: PLC0415  (loads the batch, which a study does not need)
+
+    return columns_of(space, rules, start, numbers).met(rules.conditions)
+
+
 def _count(entry: tuple[str, list[str]]) -> int:
     return -len(entry[1])
 
@@ -187,7 +204,7 @@ def _numbers(parameters: Mapping[str, Any], fin: Fin, gait: Gait) -> dict[str, f
     found |= {names.height(place): float(each) for place, each in enumerate(heights, start=1)}
     for joint, row in enumerate(gait.rows(), start=1):
         found |= {names.drive(joint, column): float(value) for column, value in zip(COLUMNS, row, strict=True)}
-    area = area_of(parameters)
+    area = float(area_of(parameters))
     return found | {
         AREA: area,
         VOLUME: area * fin.thickness,

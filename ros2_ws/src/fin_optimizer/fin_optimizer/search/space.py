@@ -252,6 +252,7 @@ class Space:
     Attributes:
         dimensions: In the order of their names.
         judge: Returns why a candidate cannot be, with its numbers, or an empty text; such a one is drawn again.
+        judge_many: Returns which rows of candidates, given as numbers, can be: what ``judge`` says of each, sooner.
 
     Raises:
         ValueError: No parameter, or the same one twice.
@@ -259,6 +260,9 @@ class Space:
 
     dimensions: tuple[AnyDimension, ...]
     judge: Callable[[Mapping[str, Any]], str] = field(default=_allowed, compare=False, repr=False)
+    judge_many: Callable[[NDArray[np.float64]], NDArray[np.bool_]] | None = field(
+        default=None, compare=False, repr=False
+    )
 
     def __post_init__(self) -> None:
         names = self.names
@@ -311,6 +315,8 @@ class Space:
         """Return which rows of candidates, shape (candidates, parameters), cannot be."""
         if self.judge is _allowed:
             return np.empty(0, dtype=np.intp)
+        if self.judge_many is not None:
+            return np.flatnonzero(~self.judge_many(numbers))
         return np.array([i for i, row in enumerate(numbers) if self.judge(self.values(row))], dtype=np.intp)
 
     def check(self, values: Mapping[str, Scalar]) -> Values:

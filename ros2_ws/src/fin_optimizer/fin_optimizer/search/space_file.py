@@ -62,8 +62,8 @@ def read_space(path: Path, start: Mapping[str, Any], joints: int = 1) -> SpaceFi
         ValueError: It cannot be read, or something in it is refused; the message names the file and the entry.
     """
     try:
-        content, files = _read(path)
-        return _space(content, files, dict(start), joints)
+        content, files = read_content(path)
+        return space_of(content, files, start, joints)
     except OSError as error:
         msg = f"space {path} cannot be read: {error.strerror or error}"
         raise ValueError(msg) from error
@@ -72,8 +72,13 @@ def read_space(path: Path, start: Mapping[str, Any], joints: int = 1) -> SpaceFi
         raise ValueError(msg) from error
 
 
-def _read(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
-    """Return what the file says, the stock in its place, and the files that were read."""
+def read_content(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
+    """Return what a file says, the stock in its place, and the files that were read.
+
+    Raises:
+        OSError: A file cannot be read.
+        ValueError: It is no space.
+    """
     files = {SPACE_FILE: path.read_bytes()}
     content = yaml_file.read(path)
     if not isinstance(content, dict) or not set(content) <= set(_SECTIONS):
@@ -95,9 +100,17 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
     return content, files
 
 
-def _space(content: Mapping[str, Any], files: Mapping[str, bytes], start: dict[str, Any], joints: int) -> SpaceFile:
+def space_of(
+    content: Mapping[str, Any], files: Mapping[str, bytes], start: Mapping[str, Any], joints: int = 1
+) -> SpaceFile:
+    """Return the space that the content of a file describes; see `read_space`.
+
+    Raises:
+        ValueError: Something in it is refused.
+    """
+    start = dict(start)
     stock = _stock(content.get("stock"))
-    searched = _section(content, "search")
+    searched = dict(_section(content, "search"))
     start |= _profile(searched, start)
     heights = len(start[names.HEIGHTS])
     dimensions = _dimensions(searched, names.searchable(heights, joints), heights)

@@ -45,7 +45,7 @@ class Tie:
     by: str
 
     def solved(self, parameters: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the fin's parameters with what follows; nothing is checked."""
+        """Return the fin's parameters with what follows, or those of many fins as arrays; nothing is checked."""
         if self.name == TIP_OVER_ROOT:
             return {**parameters, "fin.tip_height": self.value * parameters["fin.height"]}
         if self.by == "thickness":
@@ -61,10 +61,9 @@ class Tie:
         return f"{self.value!r} {_KINDS[self.name].unit}".rstrip() + f", the {self.by} following"
 
 
-def area_of(parameters: Mapping[str, Any]) -> float:
-    """Return the side area in m^2 of the fin with these parameters."""
-    height = parameters["fin.height"]
-    return float(height / scaled_to_area(parameters, 1.0)["fin.height"])
+def area_of(parameters: Mapping[str, Any]) -> Any:
+    """Return the side area in m^2 of the fin with these parameters; of many fins where a value is an array."""
+    return parameters["fin.height"] / scaled_to_area(parameters, 1.0)["fin.height"]
 
 
 def ties(given: object, searched: Collection[str], start: Mapping[str, Any]) -> tuple[Tie, ...]:
@@ -120,5 +119,5 @@ def _value(name: str, given: object, start: Mapping[str, Any]) -> float:
         return in_range(f"tie {name}", given, _KINDS[name])
     if name == TIP_OVER_ROOT:
         return float(start["fin.tip_height"] / start["fin.height"])
-    area = area_of(start)
+    area = float(area_of(start))
     return area if name == AREA else area * float(start["fin.thickness"])

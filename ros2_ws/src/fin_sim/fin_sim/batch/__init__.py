@@ -1,7 +1,7 @@
 """Many swims at once: the figures of one swim for each of many fins, on all cores.
 
-* `swim_batch`: divides the fins among threads. Most swim side by side (`lanes`). Fins with a profile, those with too
-  little damping for the lanes' long steps, and fish whose servos have a motor each swim by the general kernel of
+* `swim_batch`: divides the fins among threads. Most swim side by side (`lanes`). Those with too little
+  damping for the lanes' long steps, and fish whose servos have a motor each swim by the general kernel of
   `fin_sim.dynamics` (`general_kernel`).
 * `columns`: fins as columns. `links`: what they are as links. `task`: what all fins share.
 * `equations`, `step`, `tracing`: the equations of one fish and one step in time, recorded. `kernel`, `rolled`: what was
@@ -14,10 +14,10 @@ the results have settled (`tolerances`); where they have not, the general kernel
 likewise. A fin whose results never settle, such as one that whips chaotically, is `Status.NOT_CONVERGED`.
 """
 
-from fin_sim.batch.columns import FinColumns
+from fin_sim.batch.columns import FinColumns, fins_accepted
 from fin_sim.batch.result import BatchSwim, Status
 from fin_sim.batch.swim_batch import swim_batch
 from fin_sim.batch.task import Precision
 from fin_sim.batch.tolerances import TOLERANCES
 
-__all__ = ["TOLERANCES", "BatchSwim", "FinColumns", "Precision", "Status", "swim_batch"]
+__all__ = ["TOLERANCES", "BatchSwim", "FinColumns", "Precision", "Status", "fins_accepted", "swim_batch"]

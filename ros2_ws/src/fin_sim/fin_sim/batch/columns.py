@@ -168,6 +168,11 @@ def accepted(columns: Mapping[str, NDArray[np.generic]]) -> NDArray[np.bool_]:
     return np.asarray(good & (columns["thickness"].astype(float) < sheet))
 
 
+def fins_accepted(fins: FinColumns) -> NDArray[np.bool_]:
+    """Return which fins of columns `Fin` would accept, shape (n,)."""
+    return accepted(fin_columns(fins))
+
+
 def _accepted_profiles(positions: NDArray[np.float64], heights: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which profiles can be, both of shape (n, most points): as many heights as positions, which rise."""
     there = ~np.isnan(positions)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from fin_sim.batch.task import Task
 
-_HALVINGS = 2
+_HALVINGS = 3
 
 
 @lru_cache(maxsize=8)  # a search swims batch after batch with the same gait

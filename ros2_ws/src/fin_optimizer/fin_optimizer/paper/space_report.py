@@ -1,0 +1,218 @@
+"""What a campaign over a space leaves: one table of candidates, one of runs, the best in words, and pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fin_optimizer.goals import LESS
+from fin_optimizer.paper.files import write_whole
+from fin_optimizer.search.pareto import ranks
+from fin_optimizer.study.file_names import FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
+from fin_optimizer.study.importance import importances
+from fin_optimizer.study.space_drawing import Tried, draw_importance, draw_parallel, draw_slices
+from fin_optimizer.words import show_values
+from fin_plant.figures import empty_figure, own_style, try_to_draw
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from fin_optimizer.paper.space_campaign import SpaceCampaign, SpaceRun, Table
+
+REPORT = "report.md"
+_HISTORY = "history.png"
+_MOST = 20_000
+"""Candidates at most of which pictures are drawn: the best ones and others evenly chosen, for drawing keeps objects."""
+_SHOWN = 8
+"""Rows of the front in the report."""
+
+
+def write(
+    folder: Path, campaign: SpaceCampaign, results: Mapping[SpaceRun, Table], warn: Callable[[str], object]
+) -> list[Path]:
+    """Write tables, report and pictures; return their paths. A picture that cannot be drawn is warned of."""
+    runs = sorted(results, key=lambda run: run.number)
+    tables = [results[run] for run in runs]
+    columns = {name: np.concatenate([table[name] for table in tables]) for name in runs[0].columns}
+    number = np.repeat([run.number for run in runs], [len(table["candidate"]) for table in tables])
+    paths = [folder / name for name in ("candidates.npz", "runs.csv", REPORT)]
+    write_whole(paths[0], lambda path: np.savez_compressed(path, allow_pickle=False, run=number, **columns))
+    write_whole(paths[1], lambda path: path.write_text(_runs(campaign, runs, tables), encoding="utf-8"))
+    write_whole(paths[2], lambda path: path.write_text(report(campaign, tables), encoding="utf-8"))
+    for path, draw in _pictures(folder, campaign, tables, columns).items():
+        if why := try_to_draw(path, draw):
+            warn(why)
+        else:
+            paths.append(path)
+    return paths
+
+
+def objectives(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return what is good, more being better, shape (goals, candidates); NaN of candidates that lack any of it."""
+    found = np.array(campaign.wanted.objectives(table))
+    return np.where(np.isnan(found).any(axis=0), np.nan, found)
+
+
+def best_place(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]]) -> int | None:
+    """Return the place of the candidate that is best in the first goal; None if none has it."""
+    first = objectives(campaign, table)[0]
+    return int(np.nanargmax(first)) if np.isfinite(first).any() else None
+
+
+def front_places(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.intp]:
+    """Return the places of the candidates than which none is better in all goals, the best in the first one first."""
+    good = objectives(campaign, table)
+    known = np.flatnonzero(np.isfinite(good[0]))
+    if not len(known):
+        return known
+    # Those that are below the best of the others' stairs need not be ranked: of millions few remain.
+    order = known[np.lexsort((-good[-1, known], -good[0, known]))]
+    if len(good) == 1:
+        return order[:1]
+    rising = np.maximum.accumulate(good[1, order])
+    stairs = order[np.concatenate(([True], good[1, order[1:]] > rising[:-1]))]
+    return np.asarray(stairs[ranks(-good[:, stairs].T) == 0])
+
+
+def _values(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]], place: int) -> dict[str, object]:
+    space = campaign.start.space
+    return space.values(float(table[name][place]) for name in space.names)
+
+
+def _runs(campaign: SpaceCampaign, runs: Sequence[SpaceRun], tables: Sequence[Table]) -> str:
+    space, goals = campaign.start.space, campaign.wanted
+    heads = [f"best_{goal.name}" for goal in goals.measures]
+    lines = [",".join(["run", "seed", "swims", "without_figures", *heads, *space.names])]
+    for run, table in zip(runs, tables, strict=True):
+        count, lacking = len(table["candidate"]), int(np.count_nonzero(np.isnan(objectives(campaign, table)[0])))
+        place = best_place(campaign, table)
+        own = ["" for _ in (*heads, *space.names)]
+        if place is not None:
+            own = [f"{table[goal.name][place]:.9g}" for goal in goals.measures]
+            own += [_cell(value) for value in _values(campaign, table, place).values()]
+        lines.append(",".join([str(run.number), str(run.seed), str(count), str(lacking), *own]))
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value: object) -> str:
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def report(campaign: SpaceCampaign, tables: Sequence[Table]) -> str:
+    """Return the campaign's results in words, in Markdown."""
+    goals = campaign.wanted
+    count = sum(len(table["candidate"]) for table in tables)
+    lacking = sum(int(np.count_nonzero(np.isnan(objectives(campaign, table)[0]))) for table in tables)
+    what = f"{campaign.algorithm}, {len(tables)} runs of {len(tables[0]['candidate'])} swims, seed {campaign.seed}"
+    lines = [f"{what}; {lacking} of {count} swims have no figures.", ""]
+    whole = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    place = best_place(campaign, whole)
+    if place is None:
+        return "\n".join([*lines, "No candidate has figures."]) + "\n"
+    for goal in goals.measures:
+        bests = [goal.direction * table[goal.name] for table in tables]
+        each = goal.direction * np.array([np.nanmax(column) for column in bests if np.isfinite(column).any()])
+        top = each.min() if goal.direction == LESS else each.max()
+        spread = f"; of each run {goal.shown(each.mean())} +- {goal.shown(each.std())}" if len(each) > 1 else ""
+        lines.append(f"* best {goal.words}: {goal.shown(top)}{spread}")
+    lines += ["", f"Best in {goals.measures[0].words}: {show_values(_values(campaign, whole, place))}", ""]
+    if len(goals.measures) > 1:
+        lines += _front_lines(campaign, whole)
+    return "\n".join(lines) + "\n"
+
+
+def _front_lines(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]]) -> list[str]:
+    front = front_places(campaign, table)
+    measures = campaign.wanted.measures
+    lines = [f"Pareto front: {len(front)} candidates, of which", ""]
+    lines += [f"| {' | '.join(each.words for each in measures)} | |", "|---" * (len(measures) + 1) + "|"]
+    chosen = front[np.unique(np.linspace(0, len(front) - 1, min(_SHOWN, len(front))).astype(int))]
+    for place in chosen:
+        shown = " | ".join(each.shown(float(table[each.name][place])) for each in measures)
+        lines.append(f"| {shown} | {show_values(_values(campaign, table, int(place)))} |")
+    return [*lines, ""]
+
+
+def _pictures(
+    folder: Path, campaign: SpaceCampaign, tables: Sequence[Table], columns: Mapping[str, NDArray[np.float64]]
+) -> dict[Path, Callable[[], None]]:
+    good = objectives(campaign, columns)
+    if not np.isfinite(good[0]).any():
+        return {}
+    space, goal = campaign.start.space, campaign.wanted.measures[0]
+    wanted: dict[Path, Callable[[], None]] = {}
+    if len(good) > 1:
+        wanted[folder / FRONT_FILE] = lambda: _draw_front(folder / FRONT_FILE, campaign, columns)
+    wanted[folder / _HISTORY] = lambda: _draw_history(folder / _HISTORY, campaign, tables)
+    if len(space.dimensions) > 1:
+        known = np.flatnonzero(np.isfinite(good[0]))
+        order = known[np.argsort(good[0, known], kind="stable")]
+        chosen = np.sort(order[np.linspace(0, len(order) - 1, min(_MOST, len(order))).astype(int)])
+        unit, factor = goal.shown_in
+        numbers = np.column_stack([columns[name][chosen] for name in space.names])
+        label = f"{goal.words} ({unit})" if unit else goal.words
+        tried = Tried(space.dimensions, numbers, columns[goal.name][chosen] / factor, label, goal.direction == LESS)
+        title = f"{campaign.algorithm}, {len(tables)} runs"
+        wanted[folder / SLICES_FILE] = lambda: draw_slices(folder / SLICES_FILE, tried, title=title)
+        wanted[folder / PARALLEL_FILE] = lambda: draw_parallel(folder / PARALLEL_FILE, tried, title=title)
+        values = [space.values(row) for row in numbers.tolist()]
+        shares = importances(space, values, (goal.direction * tried.scores).tolist())
+        if shares:
+            wanted[folder / IMPORTANCE_FILE] = lambda: draw_importance(
+                folder / IMPORTANCE_FILE, space.dimensions, shares, len(chosen)
+            )
+    return wanted
+
+
+@own_style()
+def _draw_front(path: Path, campaign: SpaceCampaign, columns: Mapping[str, NDArray[np.float64]]) -> None:
+    figure = empty_figure(6.4, 4.6)
+    axes = figure.add_subplot()
+    across, up = campaign.wanted.measures[:2]
+    known = np.flatnonzero(np.isfinite(objectives(campaign, columns)[0]))
+    some = known[np.linspace(0, len(known) - 1, min(_MOST, len(known))).astype(int)]
+    front = front_places(campaign, columns)
+
+    def points(places: NDArray[np.intp]) -> list[NDArray[np.float64]]:
+        return [columns[each.name][places] / each.shown_in[1] for each in (across, up)]
+
+    axes.plot(*points(some), ".", color="0.7", markersize=2.0, label=f"{len(some)} of {len(known)} candidates")
+    axes.plot(*points(front), "o-", color="tab:red", markersize=4.0, label=f"Pareto front ({len(front)})")
+    low = [max(float(np.min(each)), 0.0) for each in points(front)]
+    high = [float(np.max(each)) for each in points(front)]
+    room = [0.6 * (most - least) + 0.05 * most for least, most in zip(low, high, strict=True)]
+    axes.set(
+        xlabel=f"{across.words} ({across.shown_in[0]})",
+        ylabel=f"{up.words} ({up.shown_in[0]})",
+        xlim=(low[0] - room[0], high[0] + 0.3 * room[0]),
+        ylim=(low[1] - room[1], high[1] + 0.3 * room[1]),
+        title=f"{campaign.algorithm}: front of all runs",
+    )
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.25)
+    axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path)
+
+
+@own_style()
+def _draw_history(path: Path, campaign: SpaceCampaign, tables: Sequence[Table]) -> None:
+    figure = empty_figure(6.4, 4.2)
+    axes = figure.add_subplot()
+    goal = campaign.wanted.measures[0]
+    swims = min(len(table["candidate"]) for table in tables)
+    so_far = np.array([np.fmax.accumulate(goal.direction * table[goal.name][:swims]) for table in tables])
+    so_far *= goal.direction / goal.shown_in[1]
+    at = np.unique(np.geomspace(1, swims, 200).astype(int))
+    shown = so_far[:, at - 1]
+    axes.plot(at, np.median(shown, axis=0), color="tab:blue", label=f"median of {len(tables)} runs")
+    axes.fill_between(at, shown.min(axis=0), shown.max(axis=0), color="tab:blue", alpha=0.15, lw=0, label="all of them")
+    axes.set(xscale="log", xlabel="swims", ylabel=f"best so far: {goal.words} ({goal.shown_in[0]})")
+    axes.set_title(f"{campaign.algorithm}: how the best was found")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.grid(alpha=0.25)
+    axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path)
