@@ -102,7 +102,18 @@ def test_the_command_leaves_tables_and_pictures_and_goes_on_after_a_kill(
     folder = tmp_path / "out"
     asked = [
         *("--space", str(file), "--algorithm", "nsga2", "--runs", "2", "--swims", "8", "--population", "4"),
-        *("--goal", "mean_speed", "--goal", "efficiency", "--duration", "1", "--fin", "fin.density=1200"),
+        *(
+            "--goal",
+            "mean_speed",
+            "--goal",
+            "efficiency",
+            "--constraint",
+            "power <= 5 W",
+            "--duration",
+            "1",
+            "--fin",
+            "fin.density=1200",
+        ),
         *("--output", str(folder), "--workers", "1"),
     ]
     assert command(*asked) == 0
@@ -115,9 +126,7 @@ def test_the_command_leaves_tables_and_pictures_and_goes_on_after_a_kill(
     assert command(*asked) == 0
     assert first.stat().st_mtime_ns == kept
     assert np.array_equal(np.load(second)["mean_speed"], lost)
-    assert (
-        (folder / "runs.csv").read_text().splitlines()[0].startswith("run,seed,swims,without_figures,best_mean_speed")
-    )
+    assert (folder / "runs.csv").read_text().splitlines()[0].startswith("run,seed,swims,without_score,best_mean_speed")
     assert command(*asked, "--seed", "3") == 2
     assert "other settings (seed)" in capsys.readouterr().err
 

@@ -68,7 +68,7 @@ if TYPE_CHECKING:
     AnyRun = Run | SpaceRun
 
 _INTERRUPTED, _REFUSED = 130, 2
-_OF_A_SPACE = ("algorithm", "runs", "swims", "goal", "fish", "fin", "reactive", "duration", "settle")
+_OF_A_SPACE = ("algorithm", "runs", "swims", "goal", "constraint", "fish", "fin", "reactive", "duration", "settle")
 _OF_THE_PAPERS = (
     "variant",
     "hill_climber_runs",
@@ -317,7 +317,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--algorithm", metavar="NAME", help=f"the search: {', '.join(ALGORITHMS)}")
     add("--runs", type=checks.read_whole_number, help="runs of the search (default: 1)")
     add("--swims", type=checks.read_whole_number, help="swims of a run (default: 1000)")
-    add("--goal", action="append", metavar="MEASURE", help=f"what is good, once or twice: {', '.join(SWUM)}")
+    add("--goal", action="append", metavar="MEASURE", help=f"what is good, one or several: {', '.join(SWUM)}")
+    add("--constraint", action="append", metavar="TEXT", help="what must be met, for example 'power <= 0.5 W'")
     add("--fish", help=f"{DEFAULT_FISH}, or one of {', '.join(PRESETS)} (default: {DEFAULT_FISH})")
     add("--fin", action="append", type=own_value, metavar="fin.NAME=VALUE", help="what its fin has otherwise")
     add("--reactive", choices=REACTIVE_FORMS, help="form of Lighthill's force (default: the fish's)")
@@ -365,8 +366,9 @@ def _space_campaign_of(arguments: argparse.Namespace) -> SpaceCampaign | None:
         raise ValueError(msg)
     shared = ("seed", "population", "water")
     given |= {name: getattr(arguments, name) for name in shared if getattr(arguments, name) is not None}
-    if "goal" in given:
-        given["goals"] = tuple(given.pop("goal"))
+    for one, several in (("goal", "goals"), ("constraint", "constraints")):
+        if one in given:
+            given[several] = tuple(given.pop(one))
     if "fin" in given:
         given["fin"] = tuple(given.pop("fin"))
     if later:

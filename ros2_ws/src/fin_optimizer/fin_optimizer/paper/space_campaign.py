@@ -69,7 +69,8 @@ class SpaceCampaign:
         swims: Of a run; where candidates come by generations the last one is whole.
         population: Candidates of a generation; 0 takes the search's own number.
         seed: Of all random numbers.
-        goals: One or two measures, some of `SWUM`.
+        goals: What is to be good, some of `SWUM`.
+        constraints: What must be met beside, like ``mean_speed >= 2 cm/s``.
         fish: A preset, or ``default``: whose fish swims, and whose fin the search starts from.
         fin: What the fin has otherwise than the preset's, name and value.
         water: Preset of the water (`fin_sim.water_settings`); ``strip`` is the fish's own.
@@ -88,6 +89,7 @@ class SpaceCampaign:
     population: int = 0
     seed: int = 2012
     goals: tuple[str, ...] = ("mean_speed",)
+    constraints: tuple[str, ...] = ()
     fish: str = DEFAULT_FISH
     fin: tuple[tuple[str, Any], ...] = ()
     water: str = "strip"
@@ -109,14 +111,10 @@ class SpaceCampaign:
         _plan(self)
 
     def _check_goals(self) -> None:
-        goals = Goals.of(self.goals)
-        if unknown := [each.name for each in goals.measures if each.name not in SWUM]:
+        if unknown := [each.name for each in self.wanted.asked if each.name not in SWUM]:
             msg = f"the batch simulator cannot tell {', '.join(unknown)}: choose of {', '.join(SWUM)}"
             raise ValueError(msg)
-        if len(self.goals) > 2:  # noqa: PLR2004
-            msg = f"a campaign has one goal or two, got {', '.join(self.goals)}"
-            raise ValueError(msg)
-        if "efficiency" in self.goals and self.given.reactive == "tip":
+        if "efficiency" in {each.name for each in self.wanted.asked} and self.given.reactive == "tip":
             msg = (
                 f"fish {self.fish} has reactive = tip, which gives wrong servo power: efficiency needs --reactive "
                 "distributed"
@@ -156,7 +154,7 @@ class SpaceCampaign:
     @property
     def wanted(self) -> Goals:
         """What is looked for."""
-        return Goals.of(self.goals)
+        return Goals.of(self.goals, self.constraints)
 
     def planned(self) -> list[SpaceRun]:
         """Return all runs."""
@@ -192,8 +190,15 @@ def _plan(campaign: SpaceCampaign) -> SpaceFile:
 
 def _search_of(campaign: SpaceCampaign, found: SpaceFile, seed: int) -> Search:
     deviations = {d.name: max(_STEP_SHARE * (d.high - d.low), d.step) for d in found.space.ranges}
-    several = len(campaign.goals) > 1
-    return search(campaign.algorithm, found.space, seed, deviations, campaign.population, with_cost=several)
+    return search(
+        campaign.algorithm,
+        found.space,
+        seed,
+        deviations,
+        campaign.population,
+        objectives=len(campaign.goals),
+        constraints=len(campaign.constraints),
+    )
 
 
 @dataclass(frozen=True)
@@ -231,8 +236,8 @@ class _Asked(Protocol):
     def ask(self) -> Array:
         """Return candidates that may swim together, shape (n, parameters); none when the run is over."""
 
-    def tell(self, numbers: Array, scores: Array, costs: Array | None) -> None:
-        """Take what they achieved; NaN where there is nothing."""
+    def tell(self, tried: Generation) -> None:
+        """Take what they achieved."""
 
 
 class _ByGeneration:
@@ -243,9 +248,9 @@ class _ByGeneration:
     def ask(self) -> Array:
         return self._search.propose(self._history) if self._left > 0 else np.empty((0, len(self._search.space.names)))
 
-    def tell(self, numbers: Array, scores: Array, costs: Array | None) -> None:
-        self._history.append(Generation(numbers, scores, costs))
-        self._left -= len(numbers)
+    def tell(self, tried: Generation) -> None:
+        self._history.append(tried)
+        self._left -= len(tried.scores)
 
 
 class _ByCandidate:
@@ -261,13 +266,15 @@ class _ByCandidate:
         rows = [self._search.space.row(entry.values) for entry in asked[settled:]]
         return np.array(rows).reshape(len(rows), len(self._search.space.names))
 
-    def tell(self, numbers: Array, scores: Array, costs: Array | None) -> None:
-        pairs = zip(numbers.tolist(), scores, np.full(len(scores), np.nan) if costs is None else costs, strict=True)
-        for row, score, cost in pairs:
-            known = np.isfinite(score) and (costs is None or np.isfinite(cost))
+    def tell(self, tried: Generation) -> None:
+        nothing = np.empty((len(tried.scores), 0))
+        others, excesses = (nothing if each is None else each for each in (tried.others, tried.excesses))
+        for row, score, more, missed in zip(tried.values.tolist(), tried.scores, others, excesses, strict=True):
             values = self._search.space.values(row)
-            more = float(cost) if known and costs is not None else None
-            self._history.append(Evaluation(values, float(score) if known else None, more))
+            if np.isnan(score):
+                self._history.append(Evaluation(values, None))
+            else:
+                self._history.append(Evaluation(values, float(score), tuple(more.tolist()), tuple(missed.tolist())))
 
 
 @dataclass
@@ -300,13 +307,19 @@ def perform(runs: Sequence[SpaceRun]) -> list[Table]:
                 continue
             own = {name: column[first : first + len(numbers)] for name, column in swum.items()}
             first += len(numbers)
-            objectives = goals.objectives(own)
-            missing = np.isnan(objectives).any(axis=0)
-            scores = np.where(missing, np.nan, objectives[0])
-            costs = np.where(missing, np.nan, -objectives[1]) if len(objectives) > 1 else None
-            each.asked.tell(numbers, scores, costs)
+            each.asked.tell(_tried(goals, numbers, own))
             each.tables.append(_table(campaign, len(each.tables), numbers, own))
     return [{name: np.concatenate([t[name] for t in each.tables]) for name in each.run.columns} for each in under_way]
+
+
+def _tried(goals: Goals, numbers: Array, swum: Table) -> Generation:
+    """Return candidates with what they achieved; those that lack anything have no score."""
+    objectives = np.column_stack(goals.objectives(swum))
+    excesses = np.column_stack([*goals.excesses(swum), np.zeros(len(numbers))])[:, :-1]
+    missing = np.isnan(objectives).any(axis=1) | np.isnan(excesses).any(axis=1)
+    scores = np.where(missing, np.nan, objectives[:, 0])
+    others = np.where(missing[:, None], np.nan, objectives[:, 1:])
+    return Generation(numbers, scores, others if others.shape[1] else None, excesses if excesses.shape[1] else None)
 
 
 def _table(campaign: SpaceCampaign, generation: int, numbers: Array, swum: Table) -> Table:

@@ -27,6 +27,8 @@ REPORT = "report.md"
 _HISTORY = "history.png"
 _MOST = 20_000
 """Candidates at most of which pictures are drawn: the best ones and others evenly chosen, for drawing keeps objects."""
+_PART = 1000
+"""Candidates of which the front of three and more goals is sought at a time: its cost grows as their square."""
 _SHOWN = 8
 """Rows of the front in the report."""
 
@@ -52,9 +54,16 @@ def write(
 
 
 def objectives(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return what is good, more being better, shape (goals, candidates); NaN of candidates that lack any of it."""
-    found = np.array(campaign.wanted.objectives(table))
-    return np.where(np.isnan(found).any(axis=0), np.nan, found)
+    """Return what is good, more being better, shape (goals, candidates).
+
+    NaN of candidates that lack any of it or miss a constraint.
+    """
+    goals = campaign.wanted
+    found = np.array(goals.objectives(table))
+    bad = np.isnan(found).any(axis=0)
+    for excess in goals.excesses(table):
+        bad = bad | ~(excess <= 0.0)
+    return np.where(bad, np.nan, found)
 
 
 def best_place(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]]) -> int | None:
@@ -69,13 +78,25 @@ def front_places(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64
     known = np.flatnonzero(np.isfinite(good[0]))
     if not len(known):
         return known
-    # Those that are below the best of the others' stairs need not be ranked: of millions few remain.
-    order = known[np.lexsort((-good[-1, known], -good[0, known]))]
+    order = known[np.argsort(-good[0, known], kind="stable")]
     if len(good) == 1:
         return order[:1]
-    rising = np.maximum.accumulate(good[1, order])
-    stairs = order[np.concatenate(([True], good[1, order[1:]] > rising[:-1]))]
-    return np.asarray(stairs[ranks(-good[:, stairs].T) == 0])
+    if len(good) == 2:  # noqa: PLR2004  (of millions few are above all that are better in the first goal)
+        order = known[np.lexsort((-good[1, known], -good[0, known]))]
+        rising = np.maximum.accumulate(good[1, order])
+        order = order[np.concatenate(([True], good[1, order[1:]] > rising[:-1]))]
+    else:
+        order = order[fronts(good[:, order])]
+    return np.asarray(order[ranks(-good[:, order].T) == 0])
+
+
+def fronts(good: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which candidates, shape (goals, candidates), may be on the front: those of the fronts of small parts."""
+    keep = np.zeros(good.shape[1], dtype=bool)
+    for start in range(0, good.shape[1], _PART):
+        part = good[:, start : start + _PART]
+        keep[start : start + _PART] = ranks(-part.T) == 0
+    return keep
 
 
 def _values(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]], place: int) -> dict[str, object]:
@@ -86,7 +107,7 @@ def _values(campaign: SpaceCampaign, table: Mapping[str, NDArray[np.float64]], p
 def _runs(campaign: SpaceCampaign, runs: Sequence[SpaceRun], tables: Sequence[Table]) -> str:
     space, goals = campaign.start.space, campaign.wanted
     heads = [f"best_{goal.name}" for goal in goals.measures]
-    lines = [",".join(["run", "seed", "swims", "without_figures", *heads, *space.names])]
+    lines = [",".join(["run", "seed", "swims", "without_score", *heads, *space.names])]
     for run, table in zip(runs, tables, strict=True):
         count, lacking = len(table["candidate"]), int(np.count_nonzero(np.isnan(objectives(campaign, table)[0])))
         place = best_place(campaign, table)
@@ -108,11 +129,11 @@ def report(campaign: SpaceCampaign, tables: Sequence[Table]) -> str:
     count = sum(len(table["candidate"]) for table in tables)
     lacking = sum(int(np.count_nonzero(np.isnan(objectives(campaign, table)[0]))) for table in tables)
     what = f"{campaign.algorithm}, {len(tables)} runs of {len(tables[0]['candidate'])} swims, seed {campaign.seed}"
-    lines = [f"{what}; {lacking} of {count} swims have no figures.", ""]
+    lines = [f"{what}; {lacking} of {count} swims have no score.", ""]
     whole = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     place = best_place(campaign, whole)
     if place is None:
-        return "\n".join([*lines, "No candidate has figures."]) + "\n"
+        return "\n".join([*lines, "No candidate has a score."]) + "\n"
     for goal in goals.measures:
         bests = [goal.direction * table[goal.name] for table in tables]
         each = goal.direction * np.array([np.nanmax(column) for column in bests if np.isfinite(column).any()])
