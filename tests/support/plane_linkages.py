@@ -4,9 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from fin_sim.ideal_2d.linkage import Linkage, Member
 from fin_sim.ideal_2d.outline import ellipse, fin, joined_ellipse
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 DATA = Path(__file__).parents[1] / "data" / "potential_flow"
 A, B = 0.07, 0.0225
@@ -43,3 +49,9 @@ def ellipses(count: int = 3, semi_minor: float = 0.1, nodes: int = 0) -> Linkage
     inertia = mass * (1.0 + semi_minor**2) / 4.0
     rear = [Member(section, mass, inertia, 0.0, 1.2, parent, -1.2) for parent in range(count - 1)]
     return Linkage([Member(section, mass, inertia), *rear], 1.0)
+
+
+def largest_difference(matrix: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
+    """Return it over the geometric mean of the two diagonal entries."""
+    scale = np.sqrt(np.diag(expected))
+    return float(np.max(np.abs(matrix - expected) / np.outer(scale, scale)))

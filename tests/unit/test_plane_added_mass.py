@@ -13,7 +13,7 @@ import pytest
 from fin_sim.ideal_2d.added_mass import AddedMass, MassError
 from fin_sim.ideal_2d.linkage import Linkage, Member
 from fin_sim.ideal_2d.outline import ellipse, fin, outline
-from support.plane_linkages import DATA, FIN_LENGTH, FIN_SOLID, A, B, ellipses, fish
+from support.plane_linkages import DATA, FIN_LENGTH, FIN_SOLID, A, B, ellipses, fish, largest_difference
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,12 +30,6 @@ def reference(case: str, size: int) -> NDArray[np.float64]:
                 matrix[i, j] = matrix[j, i] = float(row["value"])
     assert np.isfinite(matrix).all()
     return matrix
-
-
-def largest_difference(matrix: NDArray[np.float64], expected: NDArray[np.float64]) -> float:
-    """Return it over the geometric mean of the two diagonal entries."""
-    scale = np.sqrt(np.diag(expected))
-    return float(np.max(np.abs(matrix - expected) / np.outer(scale, scale)))
 
 
 @pytest.mark.parametrize(("a", "b", "case"), [(2.0, 1.0, "ellipse_2_1"), (10.0, 1.0, "ellipse_10_1")])

@@ -63,7 +63,7 @@ PIECE_END, PIECE_HEIGHT, PIECE_SLOPE = range(PIECE_COLUMNS)
 _GAUSS_POINTS, _GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
-def _moments(link: Link, power: int) -> list[float]:
+def link_moments(link: Link, power: int) -> list[float]:
     """Return the integrals over a link of d^power s^j for j = 0, 1, 2, with d the height and s the distance."""
     total = np.zeros(3)
     for (start, low), (end, high) in pairwise(link.stations):
@@ -96,17 +96,6 @@ def convective_form(reactive: str, water: Water) -> Reactive:
     return "distributed" if water.wake == "none" else cast("Reactive", reactive)
 
 
-def refuse_unready(water: Water) -> None:
-    """Refuse a water that swims do not have yet.
-
-    Raises:
-        ValueError: Its model is that of the plane.
-    """
-    if water.model == "ideal_2d":
-        msg = f"water.model = {water.model}: not yet for swims of a fish; take strip or surface_3d"
-        raise ValueError(msg)
-
-
 @dataclass(frozen=True)
 class Chain:
     """A body with its tail in water: all that the equations of motion need.
@@ -121,11 +110,11 @@ class Chain:
         clamp: ``free`` body, ``fixed`` body, or ``towed`` forward at ``tow_speed``.
         tow_speed: m/s, for ``towed``.
         motor: What drives each driven joint; where there is none its angle is prescribed.
-        axes: Full axes of the body's ellipsoid, m, where the water's matrix of added mass needs them.
+        axes: Full axes of the body's ellipsoid, m: the flow around it in the plane or in three dimensions needs them.
         normal_drags: C_N of each link, where a gait has decided it (`for_gait`); else the water's, of every link.
 
     Raises:
-        ValueError: No link, too many, no driven joint, unknown names, or a water that does not swim yet.
+        ValueError: No link, too many, no driven joint, unknown names, or what its water has not.
     """
 
     body: Body
@@ -142,7 +131,6 @@ class Chain:
     def __post_init__(self) -> None:
         checks.whole_number("number of links", len(self.links), 1, MAXIMUM_LINKS)
         object.__setattr__(self, "reactive", convective_form(self.reactive, self.water))
-        refuse_unready(self.water)
         if self.water.has_matrix and self.axes is None:
             msg = "water.added_mass = matrix needs the body's length, width and height: give axes, or take links"
             raise ValueError(msg)
@@ -154,6 +142,10 @@ class Chain:
         if not any(self.driven):
             msg = "no joint is driven: a fish needs at least one driven joint to swim"
             raise ValueError(msg)
+        if self.water.model == "ideal_2d":
+            from fin_sim.ideal_2d.plane_fish import slice_of  # noqa: PLC0415  (strips need no plane)
+
+            slice_of(self)
 
     def for_gait(self, gait: Gait) -> Chain:
         """Return the chain with the resistive coefficients of this gait; itself where they depend on none."""
@@ -180,8 +172,8 @@ class Chain:
         virtual = 0.25 * math.pi * self.water.density
         return [
             link.length,
-            *(virtual * moment for moment in _moments(link, 2)),
-            *(link.mass_per_area * moment for moment in _moments(link, 1)),
+            *(virtual * moment for moment in link_moments(link, 2)),
+            *(link.mass_per_area * moment for moment in link_moments(link, 1)),
             virtual * link.tip_height**2 if self.water.wake == "lighthill" else 0.0,
             0.0 if is_driven else link.stiffness,
             0.0 if is_driven else link.damping,

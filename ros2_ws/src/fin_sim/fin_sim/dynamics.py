@@ -362,9 +362,14 @@ def propagator(chain: Chain, step: float) -> tuple[NDArray[np.int64], NDArray[np
     linear[:count, count : 2 * count] = np.eye(count)
     for row, state in zip(response, accelerated, strict=True):
         linear[states.index(state), : 2 * count] = row
+    return np.array(states, dtype=np.int64), exponential_matrices(linear, step)
+
+
+def exponential_matrices(linear: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Return the matrices that move a linear part over one step, see `propagator`, shape (7, S, S)."""
     half, half_1, _, _ = exponential_functions(0.5 * step * linear)
     exponential, phi_1, phi_2, phi_3 = exponential_functions(step * linear)
-    matrices = np.stack(
+    return np.stack(
         (
             linear,
             half,
@@ -375,7 +380,6 @@ def propagator(chain: Chain, step: float) -> tuple[NDArray[np.int64], NDArray[np
             step * (4.0 * phi_3 - phi_2),
         )
     )
-    return np.array(states, dtype=np.int64), matrices
 
 
 def exponential_functions(matrix: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
@@ -604,3 +608,12 @@ class Stepper:
         if finite <= samples:
             raise StepError(finite * self.sample_time)
         return states, records
+
+
+def stepper_of(chain: Chain, step: float, every: int = 1, *, quick: bool = False) -> Stepper:
+    """Return what advances a chain in its water; arguments and errors as `Stepper`; ``quick``: as `PlaneStepper`."""
+    if chain.water.model == "ideal_2d":
+        from fin_sim.ideal_2d.plane_dynamics import PlaneStepper  # noqa: PLC0415  (strips need no plane)
+
+        return PlaneStepper(chain, step, every, quick=quick)
+    return Stepper(chain, step, every)

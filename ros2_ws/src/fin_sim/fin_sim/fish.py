@@ -201,6 +201,7 @@ class Water:
         tip_term: In three dimensions, virtual mass per length that sheds the wake: the strip's at the trailing edge,
             or scaled by what is left of the last link's.
         added_mass: In three dimensions, of each link by itself, or a matrix of the body and all links.
+        gap: In the plane, between the links of the tail and between body and tail, m; 0 where no water passes.
 
     Raises:
         ValueError: A value that is not finite or out of range, or an unknown name.
@@ -216,6 +217,7 @@ class Water:
     drag: Drag = "on"
     tip_term: TipTerm = "strip"
     added_mass: AddedMass = "links"
+    gap: float = 0.0
 
     def __post_init__(self) -> None:
         words = {"model": MODELS, "wake": WAKES, "drag": DRAGS, "tip_term": TIP_TERMS, "added_mass": ADDED_MASSES}
@@ -224,6 +226,7 @@ class Water:
         checks.number("water.density", self.density, 0.0, unit="kg/m^3", exclusive_minimum=True)
         checks.number("water.normal_drag", self.normal_drag, 0.0)
         checks.number("water.oscillating_drag", self.oscillating_drag, 0.0)
+        checks.number("ideal_2d.gap", self.gap, 0.0, unit="m")
         for name in ("current_x", "current_y"):
             checks.number(f"water.{name}", getattr(self, name), unit="m/s")
 
@@ -264,8 +267,7 @@ class Fish:
         water: What it swims in.
         peduncle: Driven links between the body and the fin; empty for a fin that sits on the servo's joint.
         motor: What drives each servo; without one its angle is prescribed, whatever torque that takes.
-        axes: Full length, width and height of the ellipsoid that stands for the body, m, where the flow around it
-            counts (`Water.has_matrix`); else none.
+        axes: Full length, width and height of the ellipsoid that stands for the body, m; none where nobody gave them.
     """
 
     body: Body
@@ -305,7 +307,7 @@ class Fish:
             water,
             _peduncle(values),
             Motor.from_parameters(values),
-            (axes[0], axes[1], axes[2]) if water.has_matrix else None,
+            (axes[0], axes[1], axes[2]),
         )
 
 
@@ -315,7 +317,9 @@ def _water(values: Mapping[str, object]) -> Water:
     Raises:
         ValueError: A value that is refused.
     """
-    own: dict[str, Any] = {item.name: values[f"water.{item.name}"] for item in fields(Water)}
+    own: dict[str, Any] = {
+        item.name: values["ideal_2d.gap" if item.name == "gap" else f"water.{item.name}"] for item in fields(Water)
+    }
     chosen = settings(str(values["water.preset"]), own["model"], own["wake"], own["drag"])
     return Water(**{**own, **chosen._asdict()})
 

@@ -83,7 +83,7 @@ def build_stepper(values: Mapping[str, Value]) -> dynamics.Stepper:
     chain = build_chain(fish, fin, reactive=values["reactive"])  # type: ignore[arg-type]
     sample_time = 1.0 / cast("float", values["sample_rate"])
     every = math.ceil(sample_time / min(cast("float", values["step"]), chain.longest_step) - 1e-9)
-    return dynamics.Stepper(chain, sample_time / every, every)
+    return dynamics.stepper_of(chain, sample_time / every, every)
 
 
 class Simulator:
@@ -123,7 +123,7 @@ class Simulator:
         stepper = self._stepper
         chain = stepper.chain.for_gait(gait) if gait.moves else stepper.chain
         if chain != stepper.chain:
-            self._stepper = dynamics.Stepper(chain, stepper.step, stepper.every)
+            self._stepper = dynamics.stepper_of(chain, stepper.step, stepper.every)
 
     def _number(self, name: str) -> float:
         return cast("float", self._values[name])
@@ -350,7 +350,7 @@ class Simulator:
             self._refinements += 1
             self._fish_state[:], self._tail.state = start, servos
             every = 4 * self._stepper.every
-            self._stepper = dynamics.Stepper(self._stepper.chain, self._sample_time / every, every)
+            self._stepper = dynamics.stepper_of(self._stepper.chain, self._sample_time / every, every)
             self.node.get_logger().info(f"step shortened to {self._stepper.step:g} s: this fin needs it")
 
     @property

@@ -77,8 +77,11 @@ def swim_chain(
     ramp_time: float = RAMP_TIME,
     step: float = STEP,
     sample_time: float | None = None,
+    quick: bool = False,
 ) -> Swim:
     """Swim a chain from rest; with the step given, or a shorter one that its motors need; see `swim`.
+
+    ``quick``: in a plane ideal flow the coarser table will do, see `ideal_2d.plane_dynamics`.
 
     Raises:
         ValueError: A duration, ramp, step or sample time outside its range, or a gait with another number of joints.
@@ -93,7 +96,7 @@ def swim_chain(
     samples = max(1, round(duration / sample_time))
     every = math.ceil(duration / samples / step - 1e-9)
     chain = chain.for_gait(gait)
-    stepper = dynamics.Stepper(chain, duration / (samples * every), every)
+    stepper = dynamics.stepper_of(chain, duration / (samples * every), every, quick=quick)
     follower = GaitFollower(sum(chain.driven), ramp_time, as_asked=True)
     follower.command(gait, 0.0)
     motion = TailDrive(follower, servo).motion(stepper.half_step_times(samples))

@@ -23,7 +23,6 @@ from fin_plant import checks
 from fin_plant.fin import scaled_to_area
 from fin_plant.gait import PAPER_GAIT
 from fin_sim.batch import swim_batch
-from fin_sim.chain import refuse_unready
 from fin_sim.paper_models import speeds_from_thrust
 from fin_sim.presets import Preset, preset
 from fin_sim.water_settings import PRESETS
@@ -139,10 +138,9 @@ def in_water(given: Preset, water: str) -> Preset:
     """Return fin and fish in the water of a preset of `fin_sim.water_settings`.
 
     Raises:
-        ValueError: A water that does not swim yet.
+        ValueError: An unknown name.
     """
     chosen = replace(given.fish.water, **PRESETS[water]._asdict())
-    refuse_unready(chosen)
     return replace(given, fish=replace(given.fish, water=chosen))
 
 

@@ -128,7 +128,7 @@ class HiddenFish:
                 f"give peduncle.length and the other peduncle.* {joints - 1} values, one link a joint but the fin's"
             )
             raise ValueError(msg)
-        self._stepper = dynamics.Stepper(chain, _STEP, round(SAMPLE_TIME / _STEP))
+        self._stepper = dynamics.stepper_of(chain, _STEP, round(SAMPLE_TIME / _STEP))
         self.put_at_origin()
 
     def put_at_origin(self) -> None:

@@ -23,11 +23,15 @@ class Status(IntEnum):
     DIVERGED = 2
     NOT_CONVERGED = 3
     FOLDED = 4
+    BEYOND_TABLE = 5
 
 
 _REASONS = {
     Status.DIVERGED: (
         "the state stopped being finite at every step tried: use a slower or smaller gait, or a stiffer fin"
+    ),
+    Status.BEYOND_TABLE: (
+        "a joint folds beyond the table of the plane flow: use a stiffer fin, or a slower or smaller gait"
     ),
     Status.NOT_CONVERGED: (
         "swims at ever shorter steps do not settle on one result: the fin whips, flutters, or is far too stiff for its "
@@ -86,7 +90,10 @@ class BatchSwim:
                     Gait.from_rows(self.fins[GAITS][index])
             except ValueError as error:
                 return str(error)
-            return "the fin and the fish's peduncle together have more links than a chain can have: use fewer segments"
+            return (
+                "the fin and the fish's peduncle together have more links than a chain can have, or in ideal_2d than "
+                "its table, or such that are shorter than twice the gap: use fewer segments"
+            )
         if status == Status.FOLDED:
             return validity.folded(float(self.largest_hinge_angle[index]))
         return _REASONS.get(status, "")

@@ -17,6 +17,7 @@ from fin_sim.batch.columns import accepted, fin_columns, with_gaits
 from fin_sim.batch.general_kernel import swim_by_general_kernel
 from fin_sim.batch.lanes import swim_in_lanes
 from fin_sim.batch.links import least_damping_times, piece_counts
+from fin_sim.batch.plane import swim_in_plane
 from fin_sim.batch.proven import proven_fins
 from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, OF_A_MOTOR, BatchSwim, Status
 from fin_sim.batch.step import LEAST_DAMPING
@@ -89,7 +90,7 @@ def _pieces(
     parts = np.select([longest >= task.duration / steps / each for each in _STEP_PARTS], _STEP_PARTS)
     parts = np.where(passive > 0, parts, 1)
     # The motor's equations and a matrix of added mass are the general kernel's alone; no chain can have more links.
-    general = task.fish.motor is not None or task.fish.water.has_matrix
+    general = task.fish.motor is not None or task.fish.water.has_matrix or task.fish.water.model == "ideal_2d"
     parts[(passive + task.fish.driven_joints > MAXIMUM_LINKS) | general] = 0
     straight = columns["height"] == columns["tip_height"]
     key = np.column_stack(
@@ -159,8 +160,9 @@ def swim_batch(
             figures[piece.indices], right = swim_in_lanes(piece.task.refined(piece.parts), fins, piece.proven)
             status[piece.indices] = np.where(right, Status.OK, Status.NOT_CONVERGED)
             return
+        alone = swim_in_plane if piece.task.fish.water.model == "ideal_2d" else swim_by_general_kernel
         try:
-            figures[piece.indices], status[piece.indices] = swim_by_general_kernel(piece.task, fins)
+            figures[piece.indices], status[piece.indices] = alone(piece.task, fins)
         except ValueError:
             status[piece.indices] = Status.REFUSED
 
@@ -190,7 +192,8 @@ def _result(
     folded = np.isin(status, (Status.OK, Status.NOT_CONVERGED)) & (figures[:, LARGEST_ANGLE] > validity.FOLDED_ANGLE)
     status[folded] = Status.FOLDED
     for name, column in zip(FIGURES, figures.T, strict=True):
-        column[(status != Status.OK) & ~(folded & (name == "largest_hinge_angle"))] = np.nan
+        told = folded | (status == Status.BEYOND_TABLE)
+        column[(status != Status.OK) & ~(told & (name == "largest_hinge_angle"))] = np.nan
     return BatchSwim(columns, status, **dict(zip(FIGURES, figures.T, strict=True)))
 
 

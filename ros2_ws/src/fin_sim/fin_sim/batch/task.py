@@ -12,7 +12,8 @@ from fin_plant import checks
 from fin_plant.gait import COLUMNS, Gait
 from fin_sim.batch.columns import GAITS
 from fin_sim.batch.step import LANES
-from fin_sim.chain import CLAMPS, Clamp, Reactive, convective_form, refuse_unready
+from fin_sim.chain import CLAMPS, Clamp, Reactive, convective_form
+from fin_sim.ideal_2d.plane_fish import refuse_fish
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -122,7 +123,8 @@ def checked_task(
     if gait is not None and len(gait.joints) != fish.driven_joints:
         msg = f"gait has {len(gait.joints)} rows, the tail has {fish.driven_joints} driven joints: give one row a joint"
         raise ValueError(msg)
-    refuse_unready(fish.water)
+    if fish.water.model == "ideal_2d":
+        refuse_fish(fish, clamp)
     steps = max(LEAST_STEPS, int(np.ceil(duration / step - 1e-9)))
     return Task(
         fish=fish,

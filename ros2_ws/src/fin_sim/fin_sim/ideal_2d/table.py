@@ -1,4 +1,4 @@
-"""Smooth functions of up to three joint angles as Chebyshev sums, from values at few poses.
+"""Smooth functions of joint angles as Chebyshev sums, from values at few poses.
 
 The mass matrix is analytic in the angles until members touch, so the sum converges as fast as a power series: of the
 fish with a fin in three segments, with 9 poses a joint, to 5e-7 within 0.3, 0.6 and 0.6 rad, and to 6e-5 within 0.6, 1
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
+from itertools import combinations_with_replacement, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,14 +23,23 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-MOST_JOINTS = 3
+MOST_JOINTS, MOST_JOINTS_ON_A_GRID = 8, 3
 DEGREE = 8
 """Total degree of the sums."""
+_POSES_A_TERM = 1.5
 _NEGLIGIBLE = 1e-13  # of a function's largest value: rounding
 
 
 class FoldError(FoldedError):
-    """A joint went beyond the angles that its table holds."""
+    """A joint went beyond the angles that its table holds.
+
+    Attributes:
+        angle: To which, rad.
+    """
+
+    def __init__(self, message: str, angle: float) -> None:
+        super().__init__(message)
+        self.angle = angle
 
 
 @kernel
@@ -40,9 +49,10 @@ def evaluate_table(
     orders: NDArray[np.int64],
     weights: NDArray[np.float64],
     polynomials: NDArray[np.float64],
+    sloped: int,
     values: NDArray[np.float64],
 ) -> None:
-    """Write the functions, and their derivatives by each angle, into ``values``.
+    """Write the functions, and of the first of them the derivatives by each angle, into ``values``.
 
     Args:
         angles: rad, shape (J,).
@@ -50,6 +60,7 @@ def evaluate_table(
         orders: Of each term, shape (T, J).
         weights: Shape (T, F).
         polynomials: Scratch, shape (2 J, largest order + 1).
+        sloped: Number of functions whose derivatives are wanted.
         values: Shape (1 + J, F).
     """
     joints, terms, functions = orders.shape[1], weights.shape[0], weights.shape[1]
@@ -67,7 +78,7 @@ def evaluate_table(
             factor = 1.0
             for joint in range(joints):
                 factor *= polynomials[2 * joint + (1 if derivative == joint + 1 else 0), orders[term, joint]]
-            for function in range(functions):
+            for function in range(sloped if derivative else functions):
                 values[derivative, function] += factor * weights[term, function]
 
 
@@ -93,7 +104,7 @@ class Table:
         """
         refuse_fold(angles, self.reach)
         values = np.empty((1 + len(self.reach), self.weights.shape[1]))
-        evaluate_table(angles, self.reach, self.orders, self.weights, self.scratch(), values)
+        evaluate_table(angles, self.reach, self.orders, self.weights, self.scratch(), self.weights.shape[1], values)
         return values[0], values[1:]
 
     def scratch(self) -> NDArray[np.float64]:
@@ -101,8 +112,8 @@ class Table:
         return np.empty((2 * len(self.reach), max(2, int(self.orders.max()) + 1)))
 
 
-def refuse_fold(angles: NDArray[np.float64], reach: NDArray[np.float64]) -> None:
-    """Refuse a pose beyond a table.
+def refuse_fold(angles: NDArray[np.float64], reach: NDArray[np.float64], time: float | None = None) -> None:
+    """Refuse a pose beyond a table; ``time``: when it was reached, s.
 
     Raises:
         FoldError: There is one.
@@ -110,11 +121,12 @@ def refuse_fold(angles: NDArray[np.float64], reach: NDArray[np.float64]) -> None
     beyond = np.flatnonzero(np.abs(angles) > reach * (1.0 + 1e-9))
     if len(beyond):
         joint = int(beyond[0])
+        when = "" if time is None else f" at t = {time:.3g} s"
         msg = (
-            f"joint {joint + 1} folds to {angles[joint]:.3g} rad, the table of the plane flow holds "
+            f"joint {joint + 1} folds to {angles[joint]:.3g} rad{when}, the table of the plane flow holds "
             f"{-reach[joint]:.3g} to {reach[joint]:.3g} rad: take a stiffer fin, a slower or smaller beat"
         )
-        raise FoldError(msg)
+        raise FoldError(msg, abs(float(angles[joint])))
 
 
 def tabulate(
@@ -137,6 +149,8 @@ def tabulate(
         ValueError: More joints than a table has.
     """
     joints = checks.whole_number("joints of a table", len(reach), 1, MOST_JOINTS)
+    if joints > MOST_JOINTS_ON_A_GRID:
+        return _fitted(function, np.array(reach), mirror, degree)
     count = degree + 1
     places = np.cos(math.pi * (np.arange(count) + 0.5) / count)
     widths = np.array(reach)
@@ -158,3 +172,38 @@ def tabulate(
     orders = np.array(list(product(range(count), repeat=joints)), dtype=np.int64)
     kept = (orders.sum(axis=1) <= degree) & (np.abs(weights) > _NEGLIGIBLE * scale).any(axis=1)
     return Table(widths, np.ascontiguousarray(orders[kept]), np.ascontiguousarray(weights[kept]))
+
+
+def _orders(joints: int, degree: int) -> NDArray[np.int64]:
+    """Return all orders of a total degree up to this, shape (terms, joints)."""
+    rows = [
+        np.bincount(np.array(chosen, dtype=np.int64), minlength=joints)
+        for total in range(degree + 1)
+        for chosen in combinations_with_replacement(range(joints), total)
+    ]
+    return np.array(rows, dtype=np.int64)
+
+
+def _fitted(
+    function: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    reach: NDArray[np.float64],
+    mirror: NDArray[np.float64] | None,
+    degree: int,
+) -> Table:
+    """Return the table of functions of many joint angles: least squares through poses drawn from Chebyshev's density.
+
+    Where a fin has many hinges each bends little, so that a low degree does.
+    """
+    orders = _orders(len(reach), degree)
+    even = orders.sum(axis=1) % 2 == 0
+    count = math.ceil(_POSES_A_TERM * (max(even.sum(), (~even).sum()) if mirror is not None else len(orders)))
+    places = np.cos(math.pi * np.random.default_rng(0).random((count, len(reach))))
+    values = np.array([function(reach * place) for place in places])
+    waves = np.cos(orders[None] * np.arccos(places)[:, None]).prod(axis=2)
+    weights = np.zeros((len(orders), values.shape[1]))
+    parts = [(orders[:, 0] >= 0, np.isfinite(values[0]))]
+    if mirror is not None:
+        parts = [(even, mirror > 0.0), (~even, mirror < 0.0)]
+    for terms, functions in parts:
+        weights[np.ix_(terms, functions)] = np.linalg.lstsq(waves[:, terms], values[:, functions], rcond=None)[0]
+    return Table(reach, orders, weights)
