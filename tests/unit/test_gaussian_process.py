@@ -16,6 +16,8 @@ from fin_optimizer.search.gaussian_process import (
     Likelihood,
     log_improvement,
     log_improvement_with_slope,
+    log_met,
+    log_met_with_slope,
 )
 
 if TYPE_CHECKING:
@@ -211,3 +213,23 @@ def test_where_all_is_known_the_variance_has_no_slope() -> None:
     assert value == log_improvement(np.array([0.9]), np.array([0.0]), 1.0, 1e-6)[0]
     # d log h / dz is |z| far below the best, z = -0.1 / 1e-7
     assert slope == pytest.approx(0.1 / 1e-14, rel=1e-4)
+
+
+@pytest.mark.parametrize("mean", [-40.0, -1.0, 0.0, 0.3, 40.0])
+def test_how_likely_a_limit_is_met_and_its_slope_are_those_of_the_normal_distribution(mean: float) -> None:
+    variance, mean_slope, variance_slope = 0.25, np.array([0.7, -0.2]), np.array([0.05, 0.3])
+    value, slope = log_met_with_slope(mean, variance, mean_slope, variance_slope)
+
+    def along(place: Array) -> float:
+        at = np.array([mean + mean_slope @ place]), np.array([variance + variance_slope @ place])
+        return float(log_met(*at)[0])
+
+    assert value == pytest.approx(norm.logcdf(-mean / 0.5), rel=1e-12)
+    assert along(np.zeros(2)) == pytest.approx(value, rel=1e-12)
+    assert slope == pytest.approx(slope_by_differences(along, np.zeros(2)), rel=1e-4, abs=1e-9)
+
+
+def test_a_number_that_is_surely_known_meets_its_limit_or_does_not() -> None:
+    still = np.zeros(2)
+    assert log_met_with_slope(-1.0, 0.0, still, still)[0] == pytest.approx(0.0, abs=1e-12)
+    assert log_met_with_slope(1.0, 0.0, still, still)[0] < -1e10

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,10 +13,12 @@ from fin_optimizer.search.features import Features
 from fin_optimizer.search.gaussian_process import GaussianProcess, Kernel
 from fin_optimizer.search.gp import GpSearch
 from fin_optimizer.search.quasi_random import QuasiRandom
-from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space
+from fin_optimizer.search.random_search import RandomSearch
+from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space, best, pareto_front
+from fin_optimizer.search.stock import Sheet, sheet
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from fin_optimizer.search.space import Scalar
 
@@ -134,9 +137,9 @@ def test_of_very_many_the_best_and_the_latest_are_modelled(monkeypatch: pytest.M
     monkeypatch.setattr(gp, "_MOST", 6)
     scores = [5.0, None, 1.0, 9.0, 2.0, 9.0, 3.0, 4.0, None, 0.0, 7.0]
     history = [Evaluation({"x": 0.0, "y": 10.0}, score) for score in scores]
-    assert gp._chosen(history) == [0, 3, 5, 7, 9, 10]
-    assert gp._chosen(history[:7]) == [0, 2, 3, 4, 5, 6]
-    assert gp._chosen(history[:8]) == [0, 3, 5, 5, 6, 7][:0] + sorted({0, 3, 4} | {5, 6, 7})
+    assert gp._chosen([entry.score for entry in history]) == [0, 3, 5, 7, 9, 10]
+    assert gp._chosen([entry.score for entry in history[:7]]) == [0, 2, 3, 4, 5, 6]
+    assert gp._chosen([entry.score for entry in history[:8]]) == [0, 3, 5, 5, 6, 7][:0] + sorted({0, 3, 4} | {5, 6, 7})
 
 
 def test_with_more_scores_than_are_climbed_with_at_first_all_count_at_last(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -156,7 +159,7 @@ def promise(space: Space, rows: list[list[float]], scores: list[float]) -> gp._P
     features = Features(space)
     kernel = Kernel(np.full(len(space.names), 0.4), 1.0, 1e-4)
     process = GaussianProcess(features.of(np.array(rows)), np.array(scores), features.groups, kernel)
-    return gp._Promise(space, features, process, max(scores), frozenset(map(tuple, rows)))
+    return gp._Promise(space, features, process, max(scores), (), frozenset(map(tuple, rows)))
 
 
 def test_a_climb_leads_up() -> None:
@@ -183,6 +186,113 @@ def test_of_few_values_the_most_promising_that_can_be_is_taken() -> None:
     other = promise(refusing, rows, scores)
     second = every[int(np.argsort(-free.of(every))[1])]
     assert other._switched(np.array([0.04])) == pytest.approx(second)
+
+
+def limited(values: Mapping[str, Scalar]) -> Evaluation:
+    """Return the hill of `hill`, of which only the part with x from 0.55 on may be: the best is (0.55, 24)."""
+    return Evaluation(values, hill(values), (), (0.55 - float(values["x"]), float(values["y"]) - 100.0))
+
+
+def test_a_constraint_is_learnt_and_the_best_that_meets_it_is_found() -> None:
+    search, history = GpSearch(PLANE, 3), list[Evaluation]()
+    while len(history) < 20:
+        history.append(limited(search.propose(history)))
+    found = best(history)
+    assert found is not None
+    assert found.violation == 0.0
+    assert float(found.values["x"]) == pytest.approx(0.55, abs=0.02)
+    assert float(found.values["y"]) == pytest.approx(24.0, abs=1.0)
+    late = [entry.violation for entry in history[10:]]
+    assert sum(miss > 0.1 for miss in late) <= 2, "what surely misses by much is not swum"
+
+
+def test_while_nothing_meets_the_constraints_the_likeliest_is_proposed() -> None:
+    """Each excess falls towards y = 30, beyond which it would be met, whatever the score says."""
+    spread = QuasiRandom(PLANE, 3)
+    history: list[Evaluation] = []
+    for number in range(8):
+        values = spread.propose([None] * number)  # type: ignore[list-item]
+        history.append(Evaluation(values, hill(values), (), (31.0 - float(values["y"]),)))
+    assert float(GpSearch(PLANE, 3).propose(history)["y"]) > 29.0
+
+
+def test_a_fin_whose_excess_is_not_known_yet_is_not_proposed_again() -> None:
+    history = [limited(QuasiRandom(PLANE, 3).propose([None] * number)) for number in range(8)]  # type: ignore[list-item]
+    first = GpSearch(PLANE, 3).propose(history)
+    second = GpSearch(PLANE, 3).propose([*history, Evaluation(first, None, pending=True)])
+    assert abs(float(first["x"]) - float(second["x"])) + abs(float(first["y"]) - float(second["y"])) / 20.0 > 0.01
+
+
+def zdt1(values: Mapping[str, Scalar]) -> Evaluation:
+    """Return ZDT1 (Zitzler, Deb & Thiele 2000) with two parameters; its front is f2 = 1 - sqrt(f1) at y = 10."""
+    first, slope = float(values["x"]), 1.0 + 9.0 * (float(values["y"]) - 10.0) / 20.0
+    return Evaluation(values, -first, (slope * (math.sqrt(first / slope) - 1.0),))
+
+
+def covered(history: Sequence[Evaluation]) -> float:
+    """Return the area between the front and (1, 1), of which the whole front of `zdt1` covers 2/3."""
+    points = sorted({(-e.score, -e.others[0]) for e in history if e.score is not None})
+    area, height = 0.0, 1.0
+    for first, second in points:
+        area += max(0.0, 1.0 - first) * max(0.0, height - second)
+        height = min(height, second)
+    return area
+
+
+def test_two_objectives_lead_to_their_front_with_few_swims_and_a_resumed_search_does_the_same() -> None:
+    search, history = GpSearch(PLANE, 5), list[Evaluation]()
+    while len(history) < 24:
+        history.append(zdt1(search.propose(history)))
+    drawn = [zdt1(RandomSearch(PLANE, 5).propose([None] * number)) for number in range(24)]  # type: ignore[list-item]
+    assert covered(history) > 0.55
+    assert covered(drawn) < 0.4
+    assert len(pareto_front(history)) >= 10
+    for number in (8, 17, 23):
+        assert GpSearch(PLANE, 5).propose(history[:number]) == history[number].values
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(5))
+def test_the_front_of_two_objectives_is_covered_well_with_every_seed(seed: int) -> None:
+    history: list[Evaluation] = []
+    while len(history) < 40:
+        history.append(zdt1(GpSearch(PLANE, seed).propose(history)))
+    assert covered(history) > 0.62
+
+
+def of_1200(name: str, modulus: float, thickness: float) -> Sheet:
+    return sheet(name, {"young_modulus": modulus, "thickness": thickness, "density": 1200.0})
+
+
+def test_sheets_that_are_alike_by_stiffness_thickness_and_density_are_near_each_other() -> None:
+    sheets = [of_1200(f"s{n}", modulus, thickness) for n, (modulus, thickness) in enumerate(SHEETS)]
+    stock = Choice("stock", tuple(each.name for each in sheets), traits=tuple(each.traits for each in sheets))
+    features = Features(Space((stock, MODULUS)))
+    points = features.of(np.array([[float(n), 1e9] for n in range(4)]))
+    assert points.shape == (4, 3), "the density is the same for all"
+    assert features.groups.tolist() == [0, 1, 2], "stiffness and thickness have a length each"
+    assert features.columns == [2]
+    stiffness = [math.log(e * h**3) for e, h in SHEETS]
+    expected = (np.array(stiffness) - min(stiffness)) / (max(stiffness) - min(stiffness))
+    assert points[:, 0] == pytest.approx(expected)
+    twins = Choice("stock", ("a", "b", "c"), traits=((1.0, 2.0), (1.0, 2.0), (0.0, 2.0)))
+    assert Features(Space((twins,))).groups.tolist() == [0, 0, 0], "a and b cannot be told apart by what is known"
+
+
+SHEETS = ((1e9, 5e-4), (2e9, 5e-4), (3e9, 1e-3), (1e9, 2e-3))
+
+
+def test_a_drawer_of_thirty_sheets_is_searched_with_few_swims() -> None:
+    """The speed depends on the stiffness alone: 8 sheets tell enough to find the best of 30, or one beside it."""
+    sheets = [of_1200(f"s{n}", 1e9 + 2e8 * (7 * n % 13), 2e-4 + 5e-5 * (n % 10)) for n in range(30)]
+    stock = Choice("stock", tuple(each.name for each in sheets), traits=tuple(each.traits for each in sheets))
+    search, history = GpSearch(Space((stock,)), 4), list[Evaluation]()
+    speeds = {each.name: -((each.traits[0] - math.log(0.1)) ** 2) for each in sheets}
+    while len(history) < 12:
+        values = search.propose(history)
+        history.append(Evaluation(values, speeds[values["stock"]]))
+    better = sorted(speeds.values(), reverse=True)
+    assert max(entry.score or -9.0 for entry in history) >= better[1]
 
 
 class TestFeatures:

@@ -104,6 +104,12 @@ def words_of(text: str) -> list[str]:
     return [word for word in re.split(r"[\[\],\s]+", text) if word]
 
 
+def _texts_of(text: str) -> list[str]:
+    """Return the texts of a list like ``[mean_speed >= 2 cm/s, power <= 0.5 W]``, quoted or not, commas between."""
+    words = (word.strip() for word in text.strip().removeprefix("[").removesuffix("]").split(","))
+    return [word.strip("\"'") for word in words if word]
+
+
 def parameters_of(table: ParameterTable, given: Mapping[str, str]) -> dict[str, Value]:
     """Return the parameters of this table that differ from the node's defaults."""
     defaults = {**STUDY_DEFAULTS, **(SIMULATOR_DEFAULTS if "speed" in table else {})}
@@ -122,7 +128,7 @@ def _value(parameter: Parameter, text: str) -> Value:
         return parameter.check(text)
     try:
         if parameter.kind == "string_array":
-            return parameter.check(words_of(text))
+            return parameter.check(_texts_of(text))
         if parameter.kind == "double_array" and text.strip().startswith("["):
             return parameter.check([checks.read_number(word) for word in words_of(text)])
         # JSON's numbers and truth values, and what people write for numbers besides: 1e9, .5

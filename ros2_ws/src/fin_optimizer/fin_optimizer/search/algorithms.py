@@ -34,7 +34,7 @@ ALGORITHMS = {
     "genetic": Ability(several_objectives=False),
     "cma_es": Ability(several_objectives=False, choices=False),
     "tpe": Ability(),
-    "gp": Ability(several_objectives=False),
+    "gp": Ability(),
     "nsga2": Ability(),
     "random": Ability(),
     "quasi_random": Ability(),

@@ -16,15 +16,19 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+_DIGITS = 6
+"""By which traits must differ to tell two choices apart."""
+
 
 class Features:
     """Turns candidates into features, and places in the unit box into candidates.
 
     A range, also one with steps, is one feature: its coordinate from 0 to 1. So is a choice among numbers, from its
-    least to its largest. A choice among anything else has a feature for each, so that any two are equally far apart.
+    least to its largest. A choice whose `Choice.traits` tell all of them apart has a feature a trait, each with a
+    length of its own. A choice among anything else has a feature for each, so that any two are equally far apart.
 
     Attributes:
-        groups: For each feature the place of its parameter in the space, shape (features,).
+        groups: For each feature the group whose length it shares, from 0, shape (features,).
         moving: Places of the parameters that take any value of a range, whose feature is their place in the box.
         columns: The features of these, in the same order.
         counts: For each parameter how many values it takes, 0 for any.
@@ -37,10 +41,13 @@ class Features:
         self._width = high - self._low
         self._points = [_points(dimension) if isinstance(dimension, Choice) else None for dimension in space.dimensions]
         sizes = [1 if points is None else points.shape[1] for points in self._points]
-        self.groups = np.repeat(np.arange(len(sizes)), sizes)
+        # A group a parameter, but one a feature where the features are traits.
+        alone = [isinstance(d, Choice) and _traits(d) is not None for d in space.dimensions]
+        begins = [number == 0 or one for size, one in zip(sizes, alone, strict=True) for number in range(size)]
+        self.groups = np.cumsum(begins) - 1
         self.counts = [dimension.count or 0 for dimension in space.dimensions]
         self.moving = [place for place, count in enumerate(self.counts) if not count]
-        self.columns = [int(np.argmax(self.groups == place)) for place in self.moving]
+        self.columns = [sum(sizes[:place]) for place in self.moving]
 
     def of(self, numbers: Array) -> Array:
         """Return the features of candidates given as numbers: (n, parameters) becomes (n, features)."""
@@ -79,7 +86,19 @@ class Features:
 
 def _points(choice: Choice) -> Array:
     values = choice.choices
+    if (traits := _traits(choice)) is not None:
+        return traits
     if any(isinstance(value, str | bool) for value in values):
         return np.eye(len(values)) / math.sqrt(2.0)
     column = np.array(values, dtype=float)[:, None]
     return np.asarray((column - column.min()) / (column.max() - column.min()))
+
+
+def _traits(choice: Choice) -> Array | None:
+    """Return the traits of choices from 0 to 1, shape (choices, traits that differ); None if any two are the same."""
+    if not choice.traits:
+        return None
+    traits = np.array(choice.traits)
+    width = np.ptp(traits, axis=0)
+    unit = (traits[:, width > 0.0] - traits.min(axis=0)[width > 0.0]) / width[width > 0.0]
+    return unit if len(np.unique(np.round(unit, _DIGITS), axis=0)) == len(unit) else None

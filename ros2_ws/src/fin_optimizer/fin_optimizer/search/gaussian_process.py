@@ -244,6 +244,22 @@ def log_improvement_with_slope(
     return value, (ratio / deviation) * mean_slope + by_variance * variance_slope
 
 
+def log_met(mean: Array, variance: Array) -> Array:
+    """Return the logarithm of how likely a number is 0 or less: log Phi(-mean / deviation)."""
+    return np.asarray(log_ndtr(-mean / np.sqrt(np.maximum(variance, _SMALLEST_VARIANCE))))
+
+
+def log_met_with_slope(mean: float, variance: float, mean_slope: Array, variance_slope: Array) -> tuple[float, Array]:
+    """Return `log_met` at one point and its gradient, from those of mean and variance."""
+    if variance <= _SMALLEST_VARIANCE:
+        variance, variance_slope = _SMALLEST_VARIANCE, np.zeros_like(variance_slope)
+    standard = mean / math.sqrt(variance)
+    value = float(log_ndtr(-standard))
+    hazard = math.exp(-0.5 * standard**2 - 0.5 * math.log(2.0 * math.pi) - value)  # phi(z) / Phi(-z)
+    slope = mean_slope / math.sqrt(variance) - (0.5 * standard / variance) * variance_slope
+    return value, -hazard * slope
+
+
 def _log_h(standard: Array) -> Array:
     """Return log(phi(z) + z Phi(z)), exact to some 1e-10 also where that is 0 in floats (Ament et al. 2023, eq. 14)."""
     near = np.maximum(standard, -1.0)

@@ -1,7 +1,10 @@
 """Bayesian optimisation: a Gaussian process of all scores, and next the candidate that promises most.
 
 Jones, Schonlau & Welch, Efficient Global Optimization of Expensive Black-Box Functions, 1998, with the improvement of
-Huang et al. 2006, which knows that a swim repeated gives another score.
+Huang et al. 2006, which knows that a swim repeated gives another score. Several objectives become one score by weights
+that are drawn anew for each candidate: ParEGO (Knowles, IEEE Trans. Evolutionary Computation 10, 2006). Each constraint
+has a process of its own, and the improvement counts as much as the constraints are likely to be met (Schonlau, Welch &
+Jones, Global versus Local Search in Constrained Optimization of Computer Models, 1998).
 """
 
 from __future__ import annotations
@@ -21,6 +24,8 @@ from fin_optimizer.search.gaussian_process import (
     Likelihood,
     log_improvement,
     log_improvement_with_slope,
+    log_met,
+    log_met_with_slope,
 )
 from fin_optimizer.search.quasi_random import QuasiRandom
 from fin_optimizer.search.space import generator, uniform
@@ -55,6 +60,8 @@ _CLIMBS = 4
 _CLIMB_STEPS = 30
 _TRIED = 1e30
 """By which the logarithm of what was tried is less: more than any has."""
+_SUM_SHARE = 0.05
+"""Of the weighted sum beside the largest weighted objective (Knowles 2006, eq. 2)."""
 _SHARES = (1.0, 0.5, 0.25, 0.125)
 """Of the way to the top of a climb: what is tried where the space refuses the end."""
 _ROUNDS = 3
@@ -70,6 +77,7 @@ class GpSearch:
     The first candidates, twice as many as there are parameters and two, are spread over the space (`QuasiRandom`), as
     are all others until three have a score. A candidate that still swims is believed to score as expected (the kriging
     believer of Ginsbourger, Le Riche & Carraro 2010); one that has no score counts as bad as the worst that has one.
+    As long as none meets the constraints, the one is proposed that most likely does.
 
     Attributes:
         space: Where to search; ranges, steps and choices.
@@ -111,10 +119,11 @@ class GpSearch:
             return self._most_promising(history, generator(self.seed, len(history)))
 
     def _most_promising(self, history: Sequence[Evaluation], random: np.random.Generator) -> Values:
-        chosen = _chosen(history)
+        single = _single_scores(history, random)
+        chosen = _chosen(single)
         numbers = np.array([self.space.row(entry.values) for entry in history])
         features = self._features.of(numbers)
-        raw = np.array([history[place].score for place in chosen], dtype=float)
+        raw = np.array([single[place] for place in chosen])
         scores = (raw - raw.mean()) / (raw.std() or 1.0)
         groups = self._features.groups
         kernel = _likely_kernel(features[chosen], scores, groups, random)
@@ -129,11 +138,37 @@ class GpSearch:
             process = GaussianProcess(features[[*chosen, *others]], all_scores, groups, kernel)
         # The best that is surely so: mean less one deviation (Huang et al. 2006, eq. 11).
         mean, variance = process.predict(features[chosen])
-        best = float(mean[np.argmax(mean - np.sqrt(variance))])
-        good = numbers[chosen][np.argsort(-scores, kind="stable")[:_CLIMBS]]
+        violations = np.array([history[place].violation for place in chosen])
+        sure = np.where(violations > 0.0, -np.inf, mean - np.sqrt(variance))
+        best = float(mean[np.argmax(sure)]) if (violations == 0.0).any() else None
+        good = numbers[chosen][np.lexsort((-scores, violations))[:_CLIMBS]]
         tried = frozenset(map(tuple, numbers.tolist()))
-        promise = _Promise(self.space, self._features, process, best, tried)
+        limits = self._limits(history, chosen, pending, features, random)
+        promise = _Promise(self.space, self._features, process, best, limits, tried)
         return self.space.values(promise.best_of(self._pool(good, random)).tolist())
+
+    def _limits(
+        self,
+        history: Sequence[Evaluation],
+        chosen: Sequence[int],
+        pending: Sequence[int],
+        features: Array,
+        random: np.random.Generator,
+    ) -> tuple[GaussianProcess, ...]:
+        """Return a process of each constraint's excess; those that still swim are believed to miss as expected."""
+        limits = []
+        groups = self._features.groups
+        for excesses in zip(*(history[place].excesses for place in chosen), strict=True):
+            raw = np.arcsinh(excesses)  # what misses by far must not hide where the limit is
+            told = raw / (raw.std() or 1.0)
+            process = GaussianProcess(
+                features[chosen], told, groups, _likely_kernel(features[chosen], told, groups, random)
+            )
+            if pending:
+                told = np.concatenate((told, process.predict(features[pending])[0]))
+                process = GaussianProcess(features[[*chosen, *pending]], told, groups, process.kernel)
+            limits.append(process)
+        return tuple(limits)
 
     def _pool(self, good: Array, random: np.random.Generator) -> Array:
         """Return candidates that can be, some from the whole space, some near ``good``, both of shape (n, parameters).
@@ -157,18 +192,32 @@ class _Promise:
     """What a trial of a candidate promises, and how to find the one that promises most.
 
     What was tried promises less than anything else: how often a candidate is swum is the study's to say.
+
+    Attributes:
+        process: Of the score.
+        best: What is to be improved; None while nothing is known that meets the constraints.
+        limits: A process of each constraint's excess.
     """
 
     space: Space
     features: Features
     process: GaussianProcess
-    best: float
+    best: float | None
+    limits: tuple[GaussianProcess, ...]
     tried: frozenset[tuple[float, ...]]
 
     def of(self, numbers: Array) -> Array:
-        """Return the logarithm of the expected improvement by candidates of shape (n, parameters)."""
-        mean, variance = self.process.predict(self.features.of(numbers))
-        promise = log_improvement(mean, variance, self.best, self.process.kernel.noise)
+        """Return the logarithm of the expected improvement by candidates of shape (n, parameters).
+
+        It is less by the logarithm of how likely they meet the constraints, and nothing else while nothing meets them.
+        """
+        features = self.features.of(numbers)
+        promise = np.zeros(len(numbers))
+        if self.best is not None:
+            mean, variance = self.process.predict(features)
+            promise = log_improvement(mean, variance, self.best, self.process.kernel.noise)
+        for limit in self.limits:
+            promise = promise + log_met(*limit.predict(features))
         new = np.array([tuple(row) not in self.tried for row in numbers.tolist()])
         return np.where(new, promise, promise - _TRIED)
 
@@ -195,9 +244,7 @@ class _Promise:
 
         def downhill(places: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
             point[columns] = places
-            value, slope = log_improvement_with_slope(
-                *self.process.predict_with_slope(point), self.best, self.process.kernel.noise
-            )
+            value, slope = self._with_slope(point)
             return -value, -slope[columns]
 
         unit = self.features.unit(start[None, :])
@@ -217,6 +264,17 @@ class _Promise:
                 return np.asarray(end[0])
         return start
 
+    def _with_slope(self, point: Array) -> tuple[float, Array]:
+        """Return what a point, shape (features,), promises, whether or not it was tried, and the gradient of that."""
+        parts = [log_met_with_slope(*limit.predict_with_slope(point)) for limit in self.limits]
+        if self.best is not None:
+            told = self.process.predict_with_slope(point)
+            parts.insert(0, log_improvement_with_slope(*told, self.best, self.process.kernel.noise))
+        value, slope = parts[0]
+        for more, steeper in parts[1:]:
+            value, slope = value + more, slope + steeper
+        return value, slope
+
     def _switched(self, start: Array) -> Array:
         """Return the best found by changing the parameters with a limited number of values, one after another."""
         for place, count in enumerate(self.features.counts):
@@ -229,14 +287,30 @@ class _Promise:
         return start
 
 
-def _chosen(history: Sequence[Evaluation]) -> list[int]:
+def _single_scores(history: Sequence[Evaluation], random: np.random.Generator) -> list[float | None]:
+    """Return one score a candidate, more is better: of several objectives the augmented Chebyshev scalar of ParEGO.
+
+    The objectives are scaled to costs from 0 to 1; their weights are drawn evenly from those whose sum is 1.
+    """
+    objectives = np.array([entry.objectives for entry in history if entry.score is not None])
+    if objectives.shape[1] == 1:
+        return [entry.score for entry in history]
+    best, worst = objectives.max(axis=0), objectives.min(axis=0)
+    costs = (best - objectives) / np.where(best > worst, best - worst, 1.0)
+    weighted = random.dirichlet(np.ones(objectives.shape[1])) * costs
+    # f = max_j(w_j c_j) + rho sum_j w_j c_j (Knowles 2006, eq. 2)
+    singles = iter((-weighted.max(axis=1) - _SUM_SHARE * weighted.sum(axis=1)).tolist())
+    return [None if entry.score is None else next(singles) for entry in history]
+
+
+def _chosen(scores: Sequence[float | None]) -> list[int]:
     """Return the places of the scored candidates that are modelled, in order: all, or the best ones and the latest."""
-    scored = [place for place, entry in enumerate(history) if entry.score is not None]
+    scored = [place for place, score in enumerate(scores) if score is not None]
     if len(scored) <= _MOST:
         return scored
     latest = scored[-_MOST // 2 :]
-    scores = np.array([history[place].score for place in scored[: -_MOST // 2]], dtype=float)
-    best = np.argsort(-scores, kind="stable")[: _MOST - len(latest)]
+    earlier = np.array([scores[place] for place in scored[: -_MOST // 2]], dtype=float)
+    best = np.argsort(-earlier, kind="stable")[: _MOST - len(latest)]
     return sorted(scored[place] for place in best) + latest
 
 

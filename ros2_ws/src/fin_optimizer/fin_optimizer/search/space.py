@@ -162,6 +162,7 @@ class Choice:
         name: The plant's parameter, or ``stock``.
         choices: Numbers, truth values or texts; each once.
         unit: SI unit of numbers.
+        traits: For each choice some numbers: choices with like numbers are alike. Nothing where none are known.
 
     Raises:
         ValueError: Fewer than two, or one twice.
@@ -170,6 +171,7 @@ class Choice:
     name: str
     choices: tuple[Scalar, ...]
     unit: str = ""
+    traits: tuple[tuple[float, ...], ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "choices", tuple(self.choices))
@@ -225,7 +227,7 @@ AnyDimension = Dimension | Choice
 
 def written(dimension: AnyDimension) -> dict[str, object]:
     """Return what `dimension_from` reads: all that is not as it is by default."""
-    named = {f.name: getattr(dimension, f.name) for f in fields(dimension)}
+    named = {f.name: getattr(dimension, f.name) for f in fields(dimension) if f.compare}
     return {name: value for name, value in named.items() if value not in (False, 0.0) or name in {"minimum", "maximum"}}
 
 

@@ -115,7 +115,7 @@ def space_of(
     heights = len(start[names.HEIGHTS])
     dimensions = _dimensions(searched, names.searchable(heights, joints), heights)
     if stock:
-        dimensions.insert(0, Choice(names.STOCK, tuple(stock)) if len(stock) > 1 else _one_sheet(stock))
+        dimensions.insert(0, _sheets(stock) if len(stock) > 1 else _one_sheet(stock))
     if not dimensions:
         msg = "it searches nothing: name a parameter in search, or two sheets in stock"
         raise ValueError(msg)
@@ -152,6 +152,10 @@ def _stock(entries: object) -> dict[str, Sheet]:
         msg = f"stock = {entries!r} must be a mapping of the names of sheets to what each is"
         raise ValueError(msg)
     return {name: sheet(name, entry) for name, entry in entries.items()}
+
+
+def _sheets(stock: Mapping[str, Sheet]) -> Choice:
+    return Choice(names.STOCK, tuple(stock), traits=tuple(sheet.traits for sheet in stock.values()))
 
 
 def _one_sheet(stock: Mapping[str, Sheet]) -> AnyDimension:

@@ -62,6 +62,15 @@ class Sheet:
         return f"sheet {self.name} of {sheet} mm is too small for a fin of {fin} mm"
 
     @property
+    def traits(self) -> tuple[float, ...]:
+        """What a fin of it is like: logarithms of its bending stiffness E h^3, its thickness and its density."""
+        return (
+            math.log(self.young_modulus * self.thickness**3),
+            math.log(self.thickness),
+            math.log(self.density),
+        )
+
+    @property
     def told(self) -> str:
         """It in a line, in SI."""
         size = f", {' x '.join(f'{edge:g}' for edge in self.size)} m" if self.size else ""
