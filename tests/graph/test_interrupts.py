@@ -39,6 +39,7 @@ ARGUMENTS = {
     "export_fin": ("study",),
     "measure_strip": STRIP,
     "optimizer": ("--ros-args", "-p", "study_folder:=study", "-p", "disk.minimum_free:=0"),
+    "page": ("--port", "0"),
     "play_bag": ("bag",),
     "recover_study": ("study",),
     "predict": ("--fish", FITTED, "--swims", SWIMS),

@@ -23,6 +23,7 @@ from support.source_tree import (
 # The thin ROS face of each package. Whoever adds a module here moves it out of the core.
 ROS_MODULES = {
     "fin_bringup.benchmarks.lateness",
+    "fin_bringup.page.graph",
     "fin_optimizer.commands.control",
     "fin_optimizer.commands.play_bag",
     "fin_optimizer.announcer",
@@ -42,6 +43,7 @@ ROS_MODULES = {
     "fin_servo_driver.managed_node",
     "fin_servo_driver.operator",
     "fin_servo_driver.rehearsal",
+    "fin_servo_driver.requests",
     "fin_servo_driver.servo_driver",
     "fin_servo_driver.velocity_estimator",
     "fin_sim.message_template",

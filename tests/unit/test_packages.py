@@ -19,6 +19,7 @@ ROOT = SOURCE.parents[1]
 # Import name -> rosdep key, where they differ; None where rosdep has no key (package.xml says what to do then).
 ROSDEP_KEYS = {
     "PIL": "python3-pil",
+    "aiohttp": "python3-aiohttp",
     "ament_index_python": "ament_index_python",
     "cmaes": None,
     "distributed": None,

@@ -10,7 +10,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["*.yaml", "py.typed"]},
+    package_data={NAME: ["*.yaml", "py.typed", "page/static/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -22,13 +22,14 @@ setup(
     zip_safe=False,
     maintainer="Fin maintainers",
     maintainer_email="maintainers@users.noreply.example",
-    description="Starts a study on a robot, in a rehearsal or in the simulator; launch files, benchmarks.",
+    description="Starts a study on a robot, in a rehearsal or in the simulator; launch files, a page, benchmarks.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
             "bringup = fin_bringup.bringup:main",
             "bench = fin_bringup.benchmarks.command:main",
             "lateness = fin_bringup.benchmarks.lateness:main",
+            "page = fin_bringup.page.command:main",
         ],
     },
 )

@@ -6,7 +6,6 @@ import contextlib
 import json
 import sys
 import time
-from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +17,7 @@ from fin_optimizer.announcer import Announcer
 from fin_optimizer.bags.disk_space import shortage
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.repair import repair_bags
+from fin_optimizer.mode import Mode
 from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.progress import display, show_best
@@ -57,16 +57,6 @@ _DISCOVERY = 0.5
 
 _NO_SCORE = {Outcome.FAILED, Outcome.INTERRUPTED}
 """Of a trial that is made again."""
-
-
-class Mode(Enum):
-    """What the optimiser is about."""
-
-    HOLDING = "holding until ~/start is called"
-    RUNNING = "running"
-    PAUSING = "pausing after this trial"
-    STOPPING = "stopping"
-    DONE = "done"
 
 
 class Optimizer:

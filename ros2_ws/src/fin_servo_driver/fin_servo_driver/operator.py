@@ -26,9 +26,10 @@ from rich.table import Table
 from rich.text import Text
 
 from fin_plant import node_process, topics
-from fin_plant.plant_state import PlantState, State
-from fin_servo_driver.driver_client import DriverClient
+from fin_plant.plant_state import State
+from fin_servo_driver.driver_client import SpunDriverClient
 from fin_servo_driver.fin_instruction import sizes, wanted_fin
+from fin_servo_driver.next_step import CALM, EMERGENCY, NOTHING_ASKED, SILENT, SWITCH, next_step, question, too_new
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from fin_plant.fin import Fin
+    from fin_plant.plant_state import PlantState
+    from fin_servo_driver.driver_client import DriverClient
 
 _STYLES = {
     State.READY: "bold green",
@@ -46,37 +49,10 @@ _STYLES = {
 }
 _SHOWN = ("connected", "identity", "reconnects", "missed_ticks", "lateness_p99_ms", "voltage", "temperature", "fault")
 _LOOK = 0.05
-_CALM = 1.0
-"""s for which a step must be on the screen, and Enter at rest, before Enter counts."""
-_SILENT = 3.0
-"""s without a word from the driver, which speaks once a second, after which what it said last is not shown as true."""
 _LEAVE_SECONDS = 5.0
 _KEYS = ("[Enter] do it", "[r] release", "[d] disarm", "[q] quit")
 _NO_KEY = f"does nothing; there is {'  '.join(_KEYS)}"
 _STOP = "SPACE BAR: EMERGENCY STOP"
-_WAITING = {
-    "configuring": ("Press Enter to open the port and check the device. Nothing moves by that.", "configure"),
-    "fin": ("Mount this fin. When it is on and nobody's hands are near the tail, press Enter.", "confirm_fin"),
-    "arming": ("Hands off the tail. Press Enter to ARM the driver: from then on a gait moves it.", "activate"),
-    "mark": ("Bring the fish back to its mark and let the water settle. Then press Enter.", "confirm_mark"),
-}
-"""What to do, and what Enter then asks for, by what the driver waits for."""
-_EMERGENCY = "emergency stop"
-_FAULTS = (
-    (_EMERGENCY, ("Stopped. When all is safe, press r to release the emergency stop.", "")),
-    ("I/O thread", ("The driver has failed and moves nothing any more. Look at its log, then start it anew.", "")),
-    ("", ("Check cable and power; the driver reconnects by itself.", "")),
-)
-"""The same by a part of the fault's reason; the last one fits every reason."""
-
-
-def next_step(state: PlantState | None) -> tuple[str, str]:
-    """Return what the operator should do now, and what Enter stands for: the name of an action, or an empty text."""
-    if state is None:
-        return "Waiting for the servo driver. Start it with plant:=robot.", ""
-    if state.state is State.FAULT:
-        return next(step for cause, step in _FAULTS if cause in state.reason)
-    return _WAITING.get(state.details.get("waiting_for", ""), ("Nothing to do. The space bar stops the robot.", ""))
 
 
 def screen(
@@ -91,8 +67,8 @@ def screen(
         silence: s since the driver's last word.
         seen: What is seen instead of a driver that has not said anything yet.
     """
-    if silence > _SILENT:
-        lost = f"Nothing from the driver for {silence:.0f} s. The robot may still move: use the switch of its servos."
+    if silence > SILENT:
+        lost = f"Nothing from the driver for {silence:.0f} s. {SWITCH}"
         return _panel([Text("NO ANSWER", style=_STYLES[State.FAULT]), Text(lost, style="bold"), _answer(answer)])
     advice, _ = next_step(state)
     title = Text(state.state.value if state else "NO DRIVER", style=_STYLES[state.state] if state else "bold red")
@@ -110,7 +86,7 @@ def screen(
 
 
 def _advice_says_all(state: PlantState) -> bool:
-    return _EMERGENCY in state.reason or state.details.get("waiting_for") in {"arming", "mark"}
+    return EMERGENCY in state.reason or state.details.get("waiting_for") in {"arming", "mark"}
 
 
 def _answer(answer: str) -> Text:
@@ -160,8 +136,8 @@ class Keyboard:
     def look(self, now: float) -> None:
         """Note at ``now`` s what the driver waits for, as it is shown from now on."""
         state = self._client.state
-        silent = self._client.silence() > _SILENT
-        step = (next_step(state)[1], state.reason, *state.details.values()) if state and not silent else ("", "")
+        silent = self._client.silence() > SILENT
+        step = question(None if silent else state)
         if step != self._step:
             self._step, self._step_since = step, now
 
@@ -194,15 +170,15 @@ class Keyboard:
             self._client.answer = f"{key!r} {_NO_KEY}"
 
     def _enter(self, now: float) -> None:
-        bounced = now - self._last_enter < _CALM
+        bounced = now - self._last_enter < CALM
         self._last_enter = now
         action = self._step[0]
         if bounced:
             return
         if not action:
-            self._client.answer = "nothing to confirm"
-        elif now - self._step_since < _CALM:
-            self._client.answer = "Enter came with a new step: read it, then press Enter again"
+            self._client.answer = NOTHING_ASKED
+        elif refusal := too_new(now - self._step_since):
+            self._client.answer = refusal
         else:
             self._client.ask(action)
 
@@ -210,23 +186,23 @@ class Keyboard:
         """Ask once more where somebody may rely on the space bar."""
         state = self._client.state
         moves = state is not None and state.state in {State.READY, State.SWIMMING}
-        if not moves or self._client.silence() > _SILENT or now - self._leave_since < _LEAVE_SECONDS:
+        if not moves or self._client.silence() > SILENT or now - self._leave_since < _LEAVE_SECONDS:
             return True
         self._leave_since = now
         self._client.answer = "The driver stays armed and the space bar will not stop it: q again leaves, d disarms"
         return False
 
 
-def run(client: DriverClient, signals: Sequence[int]) -> int:
+def run(client: SpunDriverClient, signals: Sequence[int]) -> int:
     """Show and ask until q is pressed, the terminal is gone or a signal has come; return the exit code."""
     keyboard = Keyboard(client)
-    look_due, seen = time.monotonic() + _CALM, ""
+    look_due, seen = time.monotonic() + CALM, ""
     with keys() as typed, Live(auto_refresh=False, screen=True) as live:
         while not signals:
             client.spin(_LOOK)
             now = time.monotonic()
             if client.state is None and now >= look_due:
-                look_due, seen = now + _CALM, client.seen()
+                look_due, seen = now + CALM, client.seen()
             live.update(screen(client.state, client.device, client.answer, client.silence(), seen), refresh=True)
             keyboard.look(now)
             text = typed()
@@ -248,7 +224,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda came, _frame: signals.append(came))
     with node_process.starting_ros():
-        client = DriverClient(namespace=given.namespace)
+        client = SpunDriverClient(namespace=given.namespace)
     try:
         return run(client, signals)
     finally:

@@ -1,0 +1,320 @@
+"""What a page is told, from what was heard of the graph. Time is handed in, and nothing here knows ROS or a socket.
+
+A value counts as long as its node says its word in ``/diagnostics``, once a second: ``plant_state``, ``candidate`` and
+``progress`` come only when something changes, so their age tells nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from fin_bringup.page import offers
+from fin_bringup.page.offers import BUTTONS, Offer
+from fin_optimizer.words import show_speed
+from fin_plant.plant_state import PlantState, State
+from fin_servo_driver.fin_instruction import sizes, wanted_fin
+from fin_servo_driver.next_step import SWITCH, next_step
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+SILENT = 2.0
+"""s without a word from a node after which what it said is not shown as true: one word is missing, for a second."""
+STREAM_SILENT = 1.0
+"""s without anything at all after which the graph counts as lost, while the fish was seen to swim."""
+_FLOWING = 5
+"""Pictures of the fish in one state after which they are missed."""
+_EVENTS = 12
+_SHOWN_DEVICE = ("connected", "identity", "reconnects", "missed_ticks", "voltage", "temperature", "fault")
+_MOST_POINTS = 400
+NO_FISH = "Waiting for a fish: start a study with bringup."
+
+
+@dataclass
+class Node:
+    """A node of the graph as it was heard.
+
+    Attributes:
+        said: s at which it said its last word, None before.
+        there: Whether it is seen on the graph; None before anybody looked.
+        incarnation: Stands for its process.
+    """
+
+    said: float | None = None
+    there: bool | None = None
+    incarnation: str = ""
+
+    def silence(self, now: float) -> float:
+        """Return for how many s it has said nothing."""
+        return math.inf if self.said is None else now - self.said
+
+    def alive(self, now: float) -> bool:
+        """Whether what it said still counts."""
+        return self.there is not False and self.silence(now) <= SILENT
+
+
+@dataclass
+class Stop:
+    """An emergency stop from a page.
+
+    Attributes:
+        number: Which of all that were pressed.
+        time: When it was pressed, as a clock shows it.
+        address: Of the page.
+        waiting: Plants that have not answered.
+        heard: What each plant that has heard it said, and after how many ms.
+        lost: What is said where no answer came.
+    """
+
+    number: int
+    time: str
+    address: str
+    waiting: list[str]
+    heard: dict[str, str] = field(default_factory=dict)
+    lost: list[str] = field(default_factory=list)
+
+    def told(self) -> dict[str, object]:
+        """Return it as JSON has it."""
+        state = "lost" if self.lost else "waiting" if self.waiting or not self.heard else "heard"
+        text = "; ".join([*self.lost, *(f"heard by {node}, {said}" for node, said in self.heard.items())])
+        return {"number": self.number, "state": state, "time": self.time, "address": self.address, "text": text}
+
+
+class Board:
+    """What is known of one fish and its study."""
+
+    def __init__(self, session: str) -> None:
+        """Start with nothing known.
+
+        Args:
+            session: Stands for the page's server.
+        """
+        self._session = session
+        self.plant_name = ""
+        self.plant, self.study = Node(), Node()
+        self.state: PlantState | None = None
+        self.device: Mapping[str, str] = {}
+        self.seen = ""
+        self.stop: Stop | None = None
+        self.events: deque[dict[str, object]] = deque(maxlen=_EVENTS)
+        self.progress: Mapping[str, str] = {}
+        self._progress_text = ""
+        self.candidate: Mapping[str, str] = {}
+        self._candidate_text = ""
+        self._search: dict[int, float | None] = {}
+        self.search_version = 0
+        self._heard: float | None = None
+        self._pictures = 0
+
+    # -- what was heard ----------------------------------------------------------------------------------------------
+
+    def plant_is(self, state: PlantState, now: float) -> None:
+        """Take the plant's word."""
+        self._heard = self.plant.said = now
+        self.state, self._pictures = state, 0
+
+    def plant_says(self, now: float) -> None:
+        """Take the plant's word in its diagnostics."""
+        self._heard = self.plant.said = now
+
+    def study_is(self, values: Mapping[str, str], text: str, now: float) -> None:
+        """Take the optimiser's word on the study: its ``progress``, or the same in its diagnostics."""
+        self._heard = self.study.said = now
+        if values.get("folder") != self.progress.get("folder"):
+            self._search, self.search_version = {}, self.search_version + 1
+        self.progress, self._progress_text = dict(values), text
+
+    def trial_is(self, values: Mapping[str, str], text: str, now: float) -> None:
+        """Take the optimiser's word on the trial under way, or that has just ended."""
+        self._heard = now
+        self.candidate, self._candidate_text = dict(values), text
+        number = self.trial
+        if number is not None and values.get("outcome") not in {"PROPOSED", "RUNNING"}:
+            self.trials_were({number: _number(values.get("score [m/s]"))})
+
+    def trials_were(self, scores: Mapping[int, float | None]) -> None:
+        """Take the scores of trials that have ended, in m/s by number; None of one without a score."""
+        self._search.update(scores)
+        self.search_version += 1
+
+    def other_heard(self, now: float) -> None:
+        """Note that something else was heard."""
+        self._heard = now
+
+    def picture(self, now: float) -> None:
+        """Note that the fish was seen."""
+        self._heard = now
+        self._pictures += 1
+
+    def see(self, plants: Mapping[str, str], studies: Mapping[str, str], seen: str) -> None:
+        """Take which processes are on the graph: each node's name, and what stands for its process.
+
+        Args:
+            plants: That tell a plant's state in the fish's namespace.
+            studies: That tell a study's progress there.
+            seen: What is seen instead, in words.
+        """
+        self.plant_name = next(iter(sorted(plants)), self.plant_name)
+        for node, names in ((self.plant, plants), (self.study, studies)):
+            node.there = bool(names)
+            if names:
+                node.incarnation = repr(sorted(names.items()))
+        self.seen = seen
+
+    def happened(self, time: str, address: str, text: str, *, good: bool) -> None:
+        """Note what somebody did, or what came of it, for every page to show."""
+        self.events.append({"time": time, "address": address, "text": text, "good": good})
+
+    # -- what follows ------------------------------------------------------------------------------------------------
+
+    @property
+    def trial(self) -> int | None:
+        """Number of the trial that was told last; None before any."""
+        text = self.candidate.get("trial", "")
+        return int(text) if text.isdecimal() else None
+
+    @property
+    def folder(self) -> str:
+        """The study's folder, empty while it is not known."""
+        return self.progress.get("folder", "")
+
+    @property
+    def lacks_trials(self) -> bool:
+        """Whether there are earlier trials that were not heard."""
+        ended = self.progress.get("trials", "0")
+        return ended.isdecimal() and len(self._search) + 1 < int(ended)
+
+    def lost(self, now: float) -> bool:
+        """Whether nothing is heard of the graph any more."""
+        if self._heard is None:
+            return True
+        if not self.plant.alive(now) and not self.study.alive(now):
+            return True
+        swims = self.state is not None and self.state.state is not State.FAULT
+        return swims and self._pictures >= _FLOWING and now - self._heard > STREAM_SILENT
+
+    def offers(self, now: float) -> list[Offer]:
+        """Return the buttons that there are now."""
+        if self.lost(now):
+            return []
+        state = self.state if self.plant.alive(now) else None
+        mode = self.progress.get("mode", "") if self.study.alive(now) else ""
+        trials = _number(self.progress.get("trials")) or 0
+        return [
+            *offers.of_plant(state, f"{self._session} {self.plant.incarnation}"),
+            *offers.of_study(mode, self.trial, int(trials), f"{self._session} {self.study.incarnation} {self.folder}"),
+        ]
+
+    def snapshot(self, now: float) -> dict[str, object]:
+        """Return all but the fish's picture and the search, as JSON has it."""
+        lost = self.lost(now)
+        return {
+            "kind": "snapshot",
+            "graph": {"lost": lost, "text": self._graph_text(now) if lost else ""},
+            "plant": self._plant(now, lost=lost),
+            "study": self._study(now, lost=lost),
+            "trial": self._trial(now, lost=lost),
+            "offers": [offer.told() for offer in self.offers(now)],
+            "stop": self.stop.told() if self.stop else None,
+            "events": list(self.events),
+        }
+
+    def search(self) -> dict[str, object]:
+        """Return the scores so far in m/s by trial, as JSON has it, the best of each stretch where they are many."""
+        points = sorted(self._search.items())
+        stride = math.ceil(len(points) / _MOST_POINTS) or 1
+        groups = (points[start : start + stride] for start in range(0, len(points), stride))
+        thinned = [max(group, key=lambda each: -math.inf if each[1] is None else each[1]) for group in groups]
+        return {"kind": "search", "scores": [list(each) for each in thinned], "trials": len(points)}
+
+    def _graph_text(self, now: float) -> str:
+        if self._heard is None:
+            return f"Nothing is heard of a fish or a study yet: {self.seen}" if self.seen else NO_FISH
+        return f"Nothing has come from the graph for {now - self._heard:.0f} s. {SWITCH}"
+
+    def _plant(self, now: float, *, lost: bool) -> dict[str, object]:
+        state, live = self.state, self.plant.alive(now) and not lost
+        told: dict[str, object] = {"live": live, "name": self.plant_name, "said": _age(self.plant, now)}
+        if state is None:
+            return {**told, "state": "NO FISH", "reason": self.seen, "advice": NO_FISH, "mount": {}, "fin": {}}
+        advice = next_step(state, BUTTONS)[0]
+        if not live:
+            gone = "is gone" if self.plant.there is False else f"has said nothing for {self.plant.silence(now):.0f} s"
+            advice = f"{self.plant_name or 'The fish'} {gone}. {SWITCH}"
+        wanted = state.details if state.details.get("waiting_for") == "fin" else {}
+        return {
+            **told,
+            "state": state.state.value,
+            "reason": "" if wanted else state.reason,
+            "advice": advice,
+            "mount": _sizes(wanted),
+            "fin": _sizes({f"wanted.{name}": text for name, text in state.fin.items()}),
+            "kind": state.plant,
+            "device": {
+                n: self.device[n] for n in _SHOWN_DEVICE if self.device.get(n) not in {None, "", "not reported"}
+            },
+        }
+
+    def _study(self, now: float, *, lost: bool) -> dict[str, object]:
+        values = self.progress
+        best = _number(values.get("best score [m/s]"))
+        return {
+            "live": self.study.alive(now) and not lost,
+            "said": _age(self.study, now),
+            "known": bool(values),
+            "text": self._progress_text,
+            "mode": values.get("mode", ""),
+            "settled": values.get("candidates_settled", ""),
+            "wanted": values.get("candidates_wanted", ""),
+            "folder": self.folder,
+            "best": "" if best is None else show_speed(best),
+            "scored": best is not None,
+        }
+
+    def _trial(self, now: float, *, lost: bool) -> dict[str, object]:
+        values = self.candidate
+        score = _number(values.get("score [m/s]"))
+        return {
+            "live": self.study.alive(now) and not lost,
+            "known": bool(values),
+            "text": self._candidate_text,
+            "outcome": values.get("outcome", ""),
+            "phase": self.progress.get("phase", "") if values.get("outcome") == "RUNNING" else "",
+            "score": "" if score is None else show_speed(score),
+            "reason": values.get("reason", ""),
+        }
+
+
+def _age(node: Node, now: float) -> float | None:
+    return None if node.said is None else round(node.silence(now), 1)
+
+
+def _number(text: str | None) -> float | None:
+    """Return a number as messages tell it; None where it is none, or no finite one."""
+    try:
+        value = float(text or "")
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _sizes(details: Mapping[str, str]) -> dict[str, str]:
+    """Return a fin as a person would cut it; empty where it is not told whole."""
+    try:
+        return sizes(wanted_fin(details))
+    except (KeyError, ValueError):
+        return {}
+
+
+def scores_of(trials: Iterable[tuple[int, str, float | None]]) -> dict[int, float | None]:
+    """Return the scores of the trials that have ended, from their numbers, outcomes and scores."""
+    return {number: score for number, outcome, score in trials if outcome not in {"PROPOSED", "RUNNING"}}
+
+
+def as_json(told: Mapping[str, object]) -> str:
+    """Return what is told as the text that goes over the socket; a number that JSON does not know is an error."""
+    return json.dumps(told, allow_nan=False, separators=(",", ":"))
