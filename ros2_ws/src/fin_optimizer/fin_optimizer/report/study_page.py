@@ -130,7 +130,8 @@ def _searched(facts: StudyFacts, best: Candidate) -> Section:
                 figures.parallel(space, facts.scored), f"Each line is a fin, {shown} of them; what stands out is fast."
             )
         )
-        shares = importances(space, [c.values for c in facts.scored], [c.score or 0.0 for c in facts.scored])
+        some = [facts.scored[place] for place in figures.some_of(len(facts.scored))]
+        shares = importances(space, [c.values for c in some], [c.score or 0.0 for c in some])
         if shares:
             told = "Which parameter decides: how far the best tenth of the fins differs from all in each (PED-ANOVA)."
             blocks.append(Plot(figures.importance(shares), told, 120 + 40 * len(shares)))
