@@ -168,6 +168,13 @@ def test_the_search_asked_for_is_made_of_its_parameters(given: dict[str, object]
     [
         ({"search.young_modulus.minimum": 5e9}, "fin.young_modulus"),
         ({"search.length.minimum": 0.1}, "fin.length"),
+        ({"search.algorithm": "cma_es", "objective": "mean_speed,power"}, "knows one objective only"),
+        ({"objective": "mean_speed,efficency"}, "did you mean efficiency"),
+        ({"objective": ""}, "'' is no measure of a swim: there are mean_speed"),
+        ({"objective": "speed,power"}, "'speed' is no measure of a swim: did you mean"),
+        ({"constraints": ["mean_speed >= 2 cm"]}, "another kind of unit: it is in m/s"),
+        ({"constraints": ["mean_speed >= 3 cm/s", "mean_speed <= 2 cm/s"]}, "contradict each other"),
+        ({"constraints": ["mean_speed >= 2 m/s"]}, "no swim has a score beyond measurement.largest_speed = 1 m/s"),
         ({"search.algorithm": "genetic", "objective": "speed_and_cost_of_transport"}, "knows one objective only"),
         ({"search.algorithm": "cma_es"}, "CMA-ES needs at least 2 parameters"),
         ({"plants": ["fish"]}, "plants has 'fish': give namespaces like /tank_a/fish"),

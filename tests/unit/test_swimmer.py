@@ -5,6 +5,7 @@ The fish swims in steps of the test's clock and speaks as a simulator does; Tria
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
@@ -145,10 +146,12 @@ class Fish:
 class Tank:
     """A swimmer with its fish, and the clock of both."""
 
-    def __init__(self, folder: Path, differences: Sequence[str] = ()) -> None:
+    def __init__(self, folder: Path, differences: Sequence[str] = (), goals: Goals | None = None) -> None:
         self.fish = Fish()
         timeouts = Timeouts(find=5.0, plant=5.0, reply=5.0, silence=5.0, rest=5.0)
-        conditions = Conditions(PAPER_GAIT, STILL, MEASUREMENT, timeouts, Goals(), differences=lambda _: differences)
+        conditions = Conditions(
+            PAPER_GAIT, STILL, MEASUREMENT, timeouts, goals or Goals(), differences=lambda _: differences
+        )
         graph = cast("Any", SimpleNamespace(count_publishers=lambda _: 0))
         fish = cast("Any", self.fish)
         self.swimmer = Swimmer("/fish", conditions, fish, fish, Observer(graph, fish, fish, "/fish", PAPER_GAIT))
@@ -309,3 +312,29 @@ def test_a_pace_that_is_none_is_refused_with_its_name(told: str) -> None:
 def test_a_limit_that_is_none_is_refused_with_its_name(name: str, told: str) -> None:
     with pytest.raises(ValueError, match=name):
         PlantState(State.READY, "another", 1, details={name: told})
+
+
+@pytest.mark.parametrize(
+    ("details", "refusal"),
+    [
+        ({"tells": "torque in joint_states, thrust"}, ""),
+        ({}, ""),
+        (
+            {"tells": "torque in joint_states"},
+            "simulator cannot tell what the study is about: efficiency needs thrust. It",
+        ),
+        (
+            {"tells": ""},
+            "efficiency needs torque in joint_states and thrust; power needs torque in joint_states. It can",
+        ),
+    ],
+)
+def test_a_plant_that_says_that_it_cannot_tell_a_goal_is_refused_by_its_name(
+    tmp_path: Path, details: dict[str, str], refusal: str
+) -> None:
+    tank = Tank(tmp_path, goals=Goals.of(["efficiency"], ["power <= 0.5 W"]))
+    tank.fish.state = PlantState(State.READY, "simulator", 1, details=details)
+    assert refusal in tank.swimmer.untold
+    assert bool(refusal) == bool(tank.swimmer.untold)
+    tank.swimmer._conditions = replace(tank.swimmer._conditions, goals=Goals.of(["turning_rate"]))
+    assert tank.swimmer.untold == ""

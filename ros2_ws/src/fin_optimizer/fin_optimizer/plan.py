@@ -111,6 +111,8 @@ class StudyPlan:
             space, gait = given.space, _widest_gait(given)
             deviations = {d.name: max(_STEP_SHARE * (d.high - d.low), d.step) for d in space.ranges}
             settings = _settings_of_file(values, given, goals)
+        measurement = _built(Measurement, values, "measurement.", block=beat_of(gait))
+        _check_goals(goals, measurement)
         if not gait.moves:
             msg = "the gait moves no joint: give gait.amplitude, gait.joints.amplitude or a bias, in rad"
             raise ValueError(msg)
@@ -129,7 +131,7 @@ class StudyPlan:
             ),
             fin=fin,
             gait=gait,
-            measurement=_built(Measurement, values, "measurement.", block=beat_of(gait)),
+            measurement=measurement,
             timeouts=_built(Timeouts, values, "timeout."),
             settings=settings,
             files={} if given is None else given.files,
@@ -180,6 +182,22 @@ class StudyPlan:
             msg = f"study_folder {folder} cannot be used: {error.strerror or error}; choose one that can be written"
             raise ValueError(msg) from error
         return study
+
+
+def _check_goals(goals: Goals, measurement: Measurement) -> None:
+    """Refuse a constraint that no swim with a score meets.
+
+    Raises:
+        ValueError: There is one.
+    """
+    for each in goals.constraints:
+        speed = each.measure.name in {"mean_speed", "steady_speed"}
+        if speed and each.at_least and each.limit > measurement.largest_speed:
+            msg = (
+                f"constraint {each.text!r}: no swim has a score beyond measurement.largest_speed = "
+                f"{measurement.largest_speed:g} m/s; is it {each.measure.example} that was meant?"
+            )
+            raise ValueError(msg)
 
 
 def _of_its_time(values: Mapping[str, Any]) -> dict[str, Value]:
