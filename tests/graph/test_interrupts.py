@@ -35,8 +35,10 @@ ARGUMENTS = {
     "calibrate_servo": (str(ROOT / "ros2_ws/src/fin_servo_driver/config/dynamixel.yaml"),),
     "control": ("pause",),
     "dashboard": ("study",),
+    "enrich_bag": ("bags",),
     "export": ("study",),
     "export_fin": ("study",),
+    "live": ("--port", "0"),
     "measure_strip": STRIP,
     "optimizer": ("--ros-args", "-p", "study_folder:=study", "-p", "disk.minimum_free:=0"),
     "page": ("--port", "0"),
@@ -54,6 +56,7 @@ ARGUMENTS = {
 ENDED_BEFORE = {
     "calibrate_servo": 1,
     "dashboard": 2,
+    "enrich_bag": 2,
     "export": 2,
     "export_fin": 2,
     "measure_strip": 0,

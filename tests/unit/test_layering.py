@@ -24,6 +24,7 @@ from support.source_tree import (
 ROS_MODULES = {
     "fin_bringup.benchmarks.lateness",
     "fin_bringup.page.graph",
+    "fin_bringup.live",
     "fin_optimizer.commands.control",
     "fin_optimizer.commands.play_bag",
     "fin_optimizer.announcer",

@@ -26,6 +26,7 @@ ROSDEP_KEYS = {
     "dynamixel_sdk": None,
     "ezdxf": None,
     "jinja2": "python3-jinja2",
+    "foxglove": None,
     "launch": "launch",
     "launch_ros": "launch_ros",
     "matplotlib": "python3-matplotlib",
@@ -99,7 +100,13 @@ def test_what_a_package_imports_stands_in_its_manifest_and_nothing_else(manifest
 
 def test_every_third_party_import_is_pinned() -> None:
     pinned = " ".join(path.read_text().lower() for path in (ROOT / "requirements").glob("*.txt"))
-    distributions = {"PIL": "pillow", "mcap_ros2": "mcap-ros2-support", "serial": "pyserial", "yaml": "pyyaml"}
+    distributions = {
+        "PIL": "pillow",
+        "foxglove": "foxglove-sdk",
+        "mcap_ros2": "mcap-ros2-support",
+        "serial": "pyserial",
+        "yaml": "pyyaml",
+    }
     for name in ROSDEP_KEYS.keys() - {"launch", "launch_ros"}:
         distribution = distributions.get(name, name).lower().replace("_", "-")
         assert re.search(rf"(^|\s|ros-){re.escape(distribution)}==", pinned), name

@@ -28,6 +28,7 @@ setup(
         "console_scripts": [
             "bringup = fin_bringup.bringup:main",
             "bench = fin_bringup.benchmarks.command:main",
+            "live = fin_bringup.live:main",
             "lateness = fin_bringup.benchmarks.lateness:main",
             "page = fin_bringup.page.command:main",
         ],

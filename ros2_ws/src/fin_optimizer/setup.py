@@ -33,6 +33,7 @@ setup(
             "control = fin_optimizer.commands.control:main",
             "dashboard = fin_optimizer.commands.dashboard:main",
             "export_fin = fin_optimizer.commands.export_fin:main",
+            "enrich_bag = fin_optimizer.commands.enrich_bag:main",
             "export = fin_optimizer.commands.export:main",
             "play_bag = fin_optimizer.commands.play_bag:main",
             "recover_study = fin_optimizer.commands.recover_study:main",

@@ -62,7 +62,7 @@ _LONGEST_MATCHING = 5.0
 """s that the listeners discovered may take until they hear the player."""
 _LATEST_CLOCK = (2**31 - 1) * NANOSECONDS
 """ns; a ROS time holds no later second."""
-_OF_OTHERS = ("/rosout", "/parameter_events", topics.CLOCK.name)
+_OF_OTHERS = ("/rosout", "/parameter_events", topics.DIAGNOSTICS.name, topics.CLOCK.name)
 """What every node says of itself, and the clock, which the player offers itself: played only by name."""
 _JUMPS_TOLD = 3
 
@@ -364,8 +364,8 @@ def parser() -> argparse.ArgumentParser:
     """Return what reads the command line."""
     words = argparse.ArgumentParser(
         prog="play_bag",
-        description="Publish a recorded bag again. gait, /rosout, /parameter_events and /clock are left out, and a "
-        "topic that another node publishes is refused, unless --topics names it. /clock comes before the messages of "
+        description="Publish a recorded bag again. gait, /clock and what all nodes say of themselves are left out, and "
+        "a topic that another node publishes is refused, unless --topics names it. /clock comes before the messages of "
         "its time; more than 10 s without a message are stepped over.",
         epilog="remaps and namespaces as for every node, for example --ros-args -r /fish/velocity:=/replay/velocity; "
         "services ~/pause and ~/resume",
