@@ -147,7 +147,10 @@ def test_results_do_not_depend_on_the_executor(file: Path, tmp_path: Path) -> No
         (["--space", "FILE", "--algorithm", "gpp"], "--algorithm"),
         (["--space", "FILE", "--algorithm", "genetic", "--goal", "mean_sped"], "did you mean mean_speed"),
         (["--space", "FILE", "--algorithm", "genetic", "--goal", "turning_rate"], "cannot tell turning_rate"),
-        (["--space", "FILE", "--algorithm", "gp", "--goal", "mean_speed", "--goal", "power"], "one objective only"),
+        (
+            ["--space", "FILE", "--algorithm", "genetic", "--goal", "mean_speed", "--goal", "power"],
+            "one objective only",
+        ),
         (["--space", "FILE", "--algorithm", "gp", "--generations", "3"], "of the papers' experiments"),
         (["--space", "FILE", "--algorithm", "gp", "shape"], "carried out alone"),
         (["ices2014", "--fish", "clark2012_simulation"], "wrong servo power"),

@@ -372,6 +372,7 @@ def later_experiment(name: str) -> SpaceCampaign:
     return SpaceCampaign.of_file(config_folder("fin_optimizer") / file, **given)
 
 
+_FINE = {"fin": (("fin.segments", 20),)}
 LATER: dict[str, tuple[str, dict[str, Any]]] = {
     "ices2014": (
         "ices2014.yaml",
@@ -385,7 +386,7 @@ LATER: dict[str, tuple[str, dict[str, Any]]] = {
             "settle": 5.0,
         },
     ),
-    "profile": ("twenty_heights.yaml", {"algorithm": "cma_es", "runs": 10, "swims": 20_000, "population": 50}),
-    "rectangle": ("rectangle.yaml", {"algorithm": "cma_es", "runs": 10, "swims": 2_000, "population": 50}),
+    "profile": ("twenty_heights.yaml", {"algorithm": "cma_es", "runs": 5, "swims": 10_000, "population": 50, **_FINE}),
+    "rectangle": ("rectangle.yaml", {"algorithm": "cma_es", "runs": 5, "swims": 1_000, "population": 20, **_FINE}),
 }
 """Experiments of later papers and of this project, over spaces of ``config``: file, and what is not the default."""

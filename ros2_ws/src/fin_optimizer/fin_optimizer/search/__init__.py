@@ -3,6 +3,7 @@
 space         what is searched, and what every search offers: `Search`
 distributions the same for Optuna
 space_file    a space as a YAML file: `names` that may be searched, `stock`, `ties`, `conditions`
+many          many candidates at once, as columns of the batch simulator
 rules         what a plant is sent for a candidate of such a file, and why one cannot be
 hill_climber  the paper's, and with two objectives one over the Pareto front
 genetic       the paper's genetic algorithm
