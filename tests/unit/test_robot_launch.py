@@ -17,14 +17,16 @@ FILE = PACKAGE / "launch" / "robot.launch.py"
 
 
 def test_it_starts_the_driver_and_the_estimator_of_the_robot_that_is_given() -> None:
-    description = runpy.run_path(str(FILE))["generate_launch_description"]()
+    file = runpy.run_path(str(FILE))
+    description = file["generate_launch_description"]()
     declared = {argument.name: argument.default_value for argument in description.get_launch_arguments()}
-    assert list(declared) == ["robot_file", "port", "namespace"]
+    assert list(declared) == ["robot_file", "port", "namespace", "params", "live", "rviz"]
     assert declared["robot_file"] is None, "without one it says so"
-    nodes = [entity for entity in description.entities if isinstance(entity, launch_ros.Node)]
-    assert [node.node_executable for node in nodes] == ["servo_driver", "velocity_estimator"]
     context = launch.LaunchContext()
-    context.launch_configurations.update({"robot_file": "my_robot.yaml", "port": "", "namespace": "/tank_a/fish"})
+    given = {"robot_file": "my_robot.yaml", "port": "", "namespace": "/tank_a/fish", "params": ""}
+    context.launch_configurations.update(given)
+    nodes = file["robot"](context)
+    assert [node.node_executable for node in nodes] == ["servo_driver", "velocity_estimator"]
     for node in nodes:
         node._perform_substitutions(context)
     assert [node.node_name for node in nodes] == ["/tank_a/fish/servo_driver", "/tank_a/fish/velocity_estimator"]

@@ -10,11 +10,12 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["*.yaml", "py.typed", "page/static/*"]},
+    package_data={NAME: ["*.yaml", "py.typed", "page/static/*", "layouts/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", sorted(glob("config/*"))),
+        (f"share/{NAME}/layouts", sorted(glob(f"{NAME}/layouts/*"))),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
     ],
     install_requires=["setuptools"],

@@ -57,9 +57,10 @@ def main() -> int:
         return 0
     ros_environment.prepare()
     try:
-        nodes = study_nodes.nodes(parse(words))
+        given = parse(words)
+        nodes, viewers = study_nodes.nodes(given), study_nodes.viewers(given)
         study_nodes.check_tails(nodes)
-        study = StudyProcesses(nodes)
+        study = StudyProcesses(nodes, viewers)
     except (ValueError, FileNotFoundError) as error:
         sys.stderr.write(f"error: {error}\n")
         return EXIT_USAGE if isinstance(error, ValueError) else EXIT_FAILURE

@@ -69,7 +69,7 @@ class Child:
         """
         self.name = name
         self.last_words: deque[str] = deque(maxlen=_LAST_WORDS)
-        command = [str(find_executable(spec.package, spec.executable)), *spec.ros_arguments()]
+        command = [str(find_executable(spec.package, spec.executable)), *spec.words, *spec.ros_arguments()]
         self.process = subprocess.Popen(  # noqa: S603
             command,
             start_new_session=True,
@@ -112,27 +112,38 @@ class Child:
 class StudyProcesses:
     """The processes of a study, the plant first and the optimiser last."""
 
-    def __init__(self, specs: Sequence[NodeSpec]) -> None:
+    def __init__(self, specs: Sequence[NodeSpec], viewers: Sequence[NodeSpec] = ()) -> None:
         """Start them all.
+
+        Args:
+            specs: The plant first and the optimiser last.
+            viewers: What shows the study, and may end before it.
 
         Raises:
             FileNotFoundError: An executable is not installed; nothing is left running.
         """
-        for spec in specs:
+        for spec in (*specs, *viewers):
             find_executable(spec.package, spec.executable)
         self._signal = 0
         self._selector = selectors.DefaultSelector()
         self._listen_to_signals()
         self.children: list[Child] = []
         self._fish: dict[str, list[Child]] = {}
+        self._viewers: list[Child] = []
         several = len({spec.namespace for spec in specs[:-1]}) > 1
         for spec in specs:
             child = Child(spec, f"{spec.namespace}/{spec.name}" if several else spec.name)
             self.children.append(child)
             if len(self.children) < len(specs):
                 self._fish.setdefault(spec.namespace, []).append(child)
-            self._selector.register(child.errors, selectors.EVENT_READ, child)
-            self._selector.register(child.ended, selectors.EVENT_READ, child)
+            self._watch(child)
+        for spec in viewers:
+            self._viewers.append(Child(spec, spec.name))
+            self._watch(self._viewers[-1])
+
+    def _watch(self, child: Child) -> None:
+        self._selector.register(child.errors, selectors.EVENT_READ, child)
+        self._selector.register(child.ended, selectors.EVENT_READ, child)
 
     @property
     def optimizer(self) -> Child:
@@ -187,7 +198,7 @@ class StudyProcesses:
         Args:
             number: Signal that asked for the end here, 0 if none did.
         """
-        self._end_children(self.children)
+        self._end_children([*self._viewers, *self.children])
         code = self.optimizer.process.returncode
         self.optimizer.echo()
         if number:
@@ -226,8 +237,9 @@ class StudyProcesses:
 
         If that fails too, no process is killed: each one's own SIGTERM comes when this process is gone.
         """
-        self._end_children(self.children)
-        for child in self.children:
+        children = [*self._viewers, *self.children]
+        self._end_children(children)
+        for child in children:
             child.close()
         signal.set_wakeup_fd(-1)
         self._selector.close()

@@ -1,7 +1,7 @@
 """The arguments that shape a study, as they are typed: ``name:=value``.
 
-Apart from ``plant`` and ``namespace`` they are the parameters of the nodes, so their meaning, unit and range stand in
-the nodes' parameter tables only.
+Apart from ``plant``, ``namespace``, ``params``, ``live`` and ``rviz`` they are the parameters of the nodes, so their
+meaning, unit and range stand in the nodes' parameter tables only.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fin_plant.parameters import Parameter, ParameterTable, Value
 
 NAMESPACE = "/fish"
+PARAMS, LIVE, RVIZ = "params", "live", "rviz"
 
 # A study in the simulator should not take as long as one in a tank.
 STUDY_DEFAULTS: dict[str, Value] = {"speed": 0.0}
@@ -47,6 +48,9 @@ def arguments(plant: str = "") -> list[Argument]:
     own = [
         Argument("plant", "sim", f"What swims: {', '.join(PLANTS)}."),
         Argument("namespace", NAMESPACE, "Namespace of the fish; several can swim side by side."),
+        Argument(PARAMS, "", "Parameter file of the nodes, YAML; what is given beside it counts more."),
+        Argument(LIVE, "false", "Serve the graph to Foxglove and Lichtblick, at ws://localhost:8765."),
+        Argument(RVIZ, "false", "Show the fish in RViz, where that is installed."),
     ]
     return own + [_argument(parameter) for parameter in parameters.values()]
 

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from fin_bringup.plants import plant_named
-from fin_bringup.study_arguments import NAMESPACE, parameters_of, refuse_unknown, words_of
+from fin_bringup.study_arguments import LIVE, NAMESPACE, PARAMS, RVIZ, parameters_of, refuse_unknown, words_of
 from fin_optimizer.gait_parameters import gait_from_parameters
 from fin_optimizer.goals import VELOCITY, YAW_RATE, Goals
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER, OPTIMIZER_PARAMETERS, SIMULATOR
 from fin_optimizer.study.journal import StudyError
+from fin_plant import yaml_file
 from fin_plant.checks import counted
 from fin_plant.parameters import load_table
 from fin_plant.paths import given_path
@@ -22,10 +24,14 @@ from fin_plant.plant_state import SERVO_TORQUE, THRUST
 from fin_servo_driver import robot_file
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from fin_plant.parameters import Value
 
+LAYOUTS = Path(__file__).parent / "layouts"
+"""Views of the fish for RViz, Foxglove and Lichtblick, PlotJuggler."""
+_OWN = frozenset({"plant", "namespace", PARAMS, LIVE, RVIZ})
+"""Arguments that are no parameters."""
 # Of several simulated fish the first one's time is the graph's.
 _LATER_FISH: dict[str, Value] = {"publish_clock": False}
 # The paper swam each fin of its robot three times; a simulated swim repeats but for its last digits. Empty asks so.
@@ -49,6 +55,7 @@ class NodeSpec:
         name: Of the node.
         namespace: Of the node, with its leading slash.
         parameters: Those that differ from the node's own defaults.
+        words: Words of its command line that are not for ROS.
     """
 
     package: str
@@ -56,6 +63,7 @@ class NodeSpec:
     name: str
     namespace: str
     parameters: Mapping[str, Value] = field(default_factory=dict)
+    words: tuple[str, ...] = ()
 
     def ros_arguments(self) -> list[str]:
         """Return the command line that gives the node its name, namespace and parameters."""
@@ -80,7 +88,9 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
     if not NAMESPACE_PATTERN.fullmatch(namespace):
         msg = f"namespace:={namespace} must be like {NAMESPACE} or /tank_a/fish: a slash, then letters, digits and _"
         raise ValueError(msg)
-    values = {name: text for name, text in given.items() if name not in {"plant", "namespace"}}
+    names = [OPTIMIZER, *(node.name for node in plant)]
+    values = _of_file(given.get(PARAMS, ""), names, namespace)
+    values |= {name: text for name, text in given.items() if name not in _OWN}
     if not values.get("repeats"):
         values["repeats"] = _REPEATS.get(kind, "1")
     refuse_unknown(values, kind)
@@ -100,6 +110,66 @@ def nodes(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
                 chosen |= {name: value for name, value in _LATER_FISH.items() if name in node.table}
             specs.append(NodeSpec(node.package, node.name, node.name, each, chosen))
     return (*specs, optimizer)
+
+
+def viewers(given: Mapping[str, str]) -> tuple[NodeSpec, ...]:
+    """Return what shows the fish beside a study or a plant; its end ends nothing else.
+
+    Raises:
+        ValueError: ``live:=`` or ``rviz:=`` is neither true nor false.
+    """
+    namespace = given.get("namespace", NAMESPACE)
+    wanted = {name: _truth(name, given.get(name, "false")) for name in (LIVE, RVIZ)}
+    specs = (
+        NodeSpec("fin_bringup", "live", "live", namespace),
+        NodeSpec("rviz2", "rviz2", "rviz", namespace, words=("-d", str(LAYOUTS / "fish.rviz"))),
+    )
+    return tuple(spec for name, spec in zip((LIVE, RVIZ), specs, strict=True) if wanted[name])
+
+
+def _truth(name: str, text: str) -> bool:
+    if text.lower() not in {"true", "false"}:
+        msg = f"{name}:={text} must be true or false"
+        raise ValueError(msg)
+    return text.lower() == "true"
+
+
+def _of_file(path: str, names: Sequence[str], namespace: str) -> dict[str, str]:
+    """Return what a parameter file gives to nodes of these names, as arguments; nothing without a file.
+
+    Raises:
+        ValueError: The file cannot be read or understood, or gives one parameter two values.
+    """
+    if not path:
+        return {}
+    try:
+        content = yaml_file.read(given_path(path))
+    except (OSError, ValueError) as error:
+        msg = f"{PARAMS}:={path} is refused: {getattr(error, 'strerror', None) or error}"
+        raise ValueError(msg) from error
+    found: dict[str, str] = {}
+    for key, part in content.items() if isinstance(content, dict) else [("", None)]:
+        if not isinstance(part, dict) or not isinstance(part.get("ros__parameters"), dict):
+            msg = f"{PARAMS}:={path} is refused: {key!r} needs ros__parameters below it, as `ros2 param dump` writes it"
+            raise ValueError(msg)
+        mine = [f"{start}{name}" for name in names for start in ("", "/", "/**/", f"{namespace}/")]
+        if key not in {"/**", *mine}:
+            continue
+        for name, value in _flat(part["ros__parameters"]):
+            text = value if isinstance(value, str) else json.dumps(value)
+            if found.setdefault(name, text) != text:
+                msg = f"{PARAMS}:={path} gives {name} two values, {found[name]} and {text}: leave one"
+                raise ValueError(msg)
+    return found
+
+
+def _flat(part: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Yield names with dots, and values, of parameters that may be nested."""
+    for name, value in part.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def _of_its_time(study_folder: str) -> dict[str, str]:

@@ -58,7 +58,8 @@ def start_nodes(given: dict[str, str], _context: LaunchContext) -> list[Node]:
     for spec in plants:
         fish.setdefault(spec.namespace, []).append(_node(spec, partial(end_fish, fish, spec)))
     nodes = [node for each in fish.values() for node in each]
-    return [*nodes, _node(optimizer, end_study)]
+    shown = [_node(spec, None) for spec in study_nodes.viewers(given)]
+    return [*nodes, _node(optimizer, end_study), *shown]
 
 
 def _node(spec: study_nodes.NodeSpec, on_exit: object) -> Node:
@@ -68,6 +69,7 @@ def _node(spec: study_nodes.NodeSpec, on_exit: object) -> Node:
         name=spec.name,
         namespace=spec.namespace,
         parameters=[dict(spec.parameters)],
+        arguments=list(spec.words),
         additional_env={END_BY_SIGNAL_IS_SUCCESS: "1"},  # launch ends plants by a signal; other codes it calls a death
         output="screen",
         sigterm_timeout=str(SECONDS_TO_END),

@@ -46,7 +46,13 @@ class Announcer:
         level = DiagnosticStatus.WARN if record.reason else DiagnosticStatus.OK
         shown = f"{trial_name(record.number)}: {show_values(record.values)}"
         self._candidate.publish(
-            DiagnosticStatus(level=level, name="candidate", message=shown, values=key_values(values))
+            DiagnosticStatus(
+                level=level,
+                name="candidate",
+                message=shown,
+                hardware_id=record.plant or "study",
+                values=key_values(values),
+            )
         )
         if record.score is not None:
             self._score.publish(Float64(data=record.score))

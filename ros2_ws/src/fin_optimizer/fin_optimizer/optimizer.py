@@ -369,7 +369,9 @@ class Optimizer:
     def _progress_status(self, name: str) -> DiagnosticStatus:
         level = DiagnosticStatus.WARN if self._failures_in_a_row else DiagnosticStatus.OK
         message = f"{self._study.settled()} of {counted(self._total, 'fin')}, {show_best(self._study.best())}"
-        return DiagnosticStatus(level=level, name=name, message=message, values=key_values(self._progress_values()))
+        values = key_values(self._progress_values())
+        study = self._study.folder.name
+        return DiagnosticStatus(level=level, name=name, message=message, hardware_id=study, values=values)
 
     def _publish_progress(self) -> None:
         self._progress_topic.publish(self._progress_status("progress"))

@@ -146,7 +146,7 @@ class DriverTopics:
                     level=bytes((level,)),
                     name=f"{name}: device",
                     message=text,
-                    hardware_id=io.health.identity,
+                    hardware_id=io.health.identity or self._plant,
                     values=key_values(values),
                 )
             )

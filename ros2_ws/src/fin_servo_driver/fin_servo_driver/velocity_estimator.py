@@ -177,6 +177,7 @@ class VelocityEstimatorNode:
             level=DiagnosticStatus.WARN if text else DiagnosticStatus.OK,
             name=f"{self.node.get_fully_qualified_name()}: estimate",
             message=text or "estimating",
+            hardware_id="tracker",
             values=key_values(values),
         )
         self._poses = self._published = 0
