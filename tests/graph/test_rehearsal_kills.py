@@ -13,6 +13,7 @@ from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
+from support.processes import nodes_of
 from support.waiting import wait_until
 
 if TYPE_CHECKING:
@@ -21,14 +22,6 @@ if TYPE_CHECKING:
     from support.processes import StartedProcess
 
 pytestmark = pytest.mark.graph
-
-
-def nodes_of(bringup: StartedProcess) -> dict[str, int]:
-    """Return the processes of a bring-up by their nodes' names."""
-    children = Path(f"/proc/{bringup.pid}/task/{bringup.pid}/children").read_text().split()
-    lines = {int(child): Path(f"/proc/{child}/cmdline").read_text().split("\0") for child in children}
-    names = {next(w for w in words if w.startswith("__node:=")): child for child, words in lines.items()}
-    return {name.removeprefix("__node:="): child for name, child in names.items()}
 
 
 @pytest.mark.long

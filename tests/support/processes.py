@@ -170,3 +170,11 @@ def start_executable(
             start_new_session=True,
         )
     return StartedProcess(f"{package} {executable}", process, log)
+
+
+def nodes_of(bringup: StartedProcess) -> dict[str, int]:
+    """Return the processes of a bring-up by their nodes' names."""
+    children = Path(f"/proc/{bringup.pid}/task/{bringup.pid}/children").read_text().split()
+    lines = {int(child): Path(f"/proc/{child}/cmdline").read_text().split("\0") for child in children}
+    names = {next(w for w in words if w.startswith("__node:=")): child for child, words in lines.items()}
+    return {name.removeprefix("__node:="): child for name, child in names.items()}

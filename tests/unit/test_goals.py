@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -106,3 +107,11 @@ def test_what_cannot_be_meant_is_refused(names: list[str], constraints: list[str
 def test_two_limits_of_one_measure_make_a_range() -> None:
     goals = Goals.of(["power"], ["mean_speed >= 2 cm/s", "mean_speed <= 3 cm/s"])
     assert [each.limit for each in goals.constraints] == [0.02, 0.03]
+
+
+def test_the_page_shows_every_measure_as_the_table_has_it() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "trials.md").read_text(encoding="utf-8")
+    for of in MEASURES.values():
+        good = "large" if of.direction > 0 else "small"
+        row = [f"`{of.name}`", of.meaning.rstrip("."), of.unit or "1", good, ", ".join(of.needs)]
+        assert f"| {' | '.join(row)} |" in page
