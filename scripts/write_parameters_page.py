@@ -1,4 +1,4 @@
-"""Write docs/parameters.md from the packages' parameter tables: ./scripts/write_parameters_page.py or `make pages`."""
+"""Write docs/parameters.md from the packages' tables of parameters, topics and services: `make pages` calls it."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
+from fin_plant import topics
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS, node_table
 from fin_plant.parameters import Parameter, ParameterTable, load_table
+from fin_plant.services import SERVICES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "parameters.md"
-HEAD = """# Parameters
+HEAD = """# Parameters, topics and services
 
 Every parameter of every node, written by `make pages` from the tables that the nodes declare them from. Units are SI.
 Give them at the start (`-p name:=value` after `--ros-args`, or `name:=value` to the launch file), change those that are
@@ -41,6 +43,27 @@ def rows(parameters: Iterable[Parameter]) -> Iterable[str]:
         yield f"| {' | '.join(cells)} |"
 
 
+def topic_rows() -> Iterable[str]:
+    """Return the lines of the table of topics; relative names live in the fish's namespace."""
+    yield "| topic | type | reliability, durability, depth | what |"
+    yield "|---|---|---|---|"
+    for topic in topics.ALL_TOPICS:
+        qos = topic.qos
+        offered = f"{qos.reliability.name.lower()}, {qos.durability.name.lower()}, {qos.depth}"
+        yield f"| `{topic.name}` | `{topic.type_name}` | {offered} | {topic.description} |"
+    what = "`tank` to `base_link` to each link, where its type is installed"
+    yield f"| `{topics.TF}` | `{topics.TF_TYPE}` | reliable, volatile, 1000 | {what} |"
+
+
+def service_rows() -> Iterable[str]:
+    """Return the lines of the table of services."""
+    yield "| service | type | nodes | what |"
+    yield "|---|---|---|---|"
+    for each in SERVICES:
+        nodes = ", ".join(f"`{node}`" for node in each.nodes)
+        yield f"| `~/{each.name}` | `{each.type_name}` | {nodes} | {each.description} |"
+
+
 def page() -> str:
     """Return the text of the page."""
     own = ParameterTable({name: entry for name, entry in OPTIMIZER_PARAMETERS.items() if name not in FIN_PARAMETERS})
@@ -55,6 +78,7 @@ def page() -> str:
     parts = [HEAD]
     for title, table in chapters:
         parts += [f"\n## {title}\n", "\n".join(rows(table.values())) + "\n"]
+    parts += ["\n## Topics\n", "\n".join(topic_rows()) + "\n", "\n## Services\n", "\n".join(service_rows()) + "\n"]
     return "\n".join(parts)
 
 

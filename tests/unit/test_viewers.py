@@ -13,6 +13,7 @@ import yaml
 
 from fin_bringup import study_nodes
 from fin_bringup.study_nodes import LAYOUTS
+from fin_plant.services import SERVICES
 from support.source_tree import SOURCE
 
 if TYPE_CHECKING:
@@ -102,3 +103,24 @@ def test_every_status_says_of_which_hardware_it_is() -> None:
                 given = {keyword.arg for keyword in node.keywords}
                 lacking += [f"{path.name}:{node.lineno}"] if given and "hardware_id" not in given else []
     assert lacking == []
+
+
+def test_the_services_that_are_documented_are_those_that_the_nodes_offer() -> None:
+    topics = pytest.importorskip("fin_plant.topics", reason="needs the ROS wheels or a sourced ROS")
+    files = {
+        "simulator": ("fin_sim/fin_sim/simulator.py",),
+        "servo_driver": (
+            "fin_servo_driver/fin_servo_driver/servo_driver.py",
+            "fin_servo_driver/fin_servo_driver/emergency_stop.py",
+        ),
+        "optimizer": ("fin_optimizer/fin_optimizer/optimizer.py",),
+        "player": ("fin_optimizer/fin_optimizer/commands/play_bag.py",),
+    }
+    offered = set()
+    for node, paths in files.items():
+        for path in paths:
+            text = (SOURCE / path).read_text(encoding="utf-8")
+            text = re.sub(r"\{topics\.(\w+)\}", lambda found: getattr(topics, found[1]), text)
+            offered |= {(node, name) for name in re.findall(r"\"~/(\w+)\", self", text)}
+            offered |= {(node, name) for name in re.findall(r"fully_qualified_name\(\)\}/(\w+)\"", text)}
+    assert {(node, service.name) for service in SERVICES for node in service.nodes} == offered
