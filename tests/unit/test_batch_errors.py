@@ -191,6 +191,26 @@ def test_proven_fins_are_right_without_a_second_swim(clamp: str) -> None:
         assert error(swim, in_batch(swim)) < 1.0
 
 
+@pytest.mark.parametrize("name", ["clark2012_simulation", "three_segments"])
+def test_fins_in_three_dimensions_are_as_right_as_in_strips(name: str) -> None:
+    given, random = preset(name), np.random.default_rng(5)
+    length = random.uniform(0.04, 0.14, 60)
+    changed = {"young_modulus": 10.0 ** random.uniform(8.0, 10.0, 60), "length": length}
+    height = given.fin.area / length
+    columns = fin_columns({**vars(given.fin), **changed, "height": height, "tip_height": height})
+    fish = replace(given.fish, water=replace(given.fish.water, model="surface_3d"))
+    task = checked_task(fish, PAPER_GAIT, 10.0, given.reactive, "free", 0.0, 0.5, 0.0, None, "double")
+    proven = proven_fins(task, columns)
+    assert np.count_nonzero(proven) > 50
+    fins = {name: column[proven] for name, column in columns.items()}
+    true = lane_figures(task.refined(8), fins)
+    assert difference(lane_figures(task, fins), true, error_floors(task, fins)).max() < 0.5
+    dead = replace(fish, water=replace(fish.water, wake="none"))
+    without_wake = checked_task(dead, PAPER_GAIT, 10.0, given.reactive, "free", 0.0, 0.5, 0.0, None, "double")
+    assert not proven_fins(without_wake, columns).any()
+    assert without_wake.steps == 4 * task.steps
+
+
 def test_fins_with_a_damper_in_each_hinge_on_a_box_are_right_without_a_second_swim() -> None:
     """Of the papers' fins and fish, E from 10 MPa to 10 GPa: what the campaign's searches swim."""
     given, random = preset("clark2012_simulation"), np.random.default_rng(5)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fin_plant.fin import Fin, ProfiledFin
 from fin_sim.angular_momentum import angular_momentum_budget
@@ -165,6 +165,16 @@ def test_a_slender_fin_becomes_the_strips() -> None:
     assert np.all(np.abs(middle - 1.0) < np.array([2e-2, 3e-3, 2e-3])[:, None])
     masses = rectangle_factors(np.array([5.0, 50.0, 200.0]), np.array([0.0, 1.0]))[:, 0, 2]  # about the root
     assert masses == pytest.approx([0.8562, 0.985, 0.996], abs=3e-3)
+
+
+def test_rectangles_of_a_batch_are_all_taken_from_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    length = np.linspace(0.04, 0.14, 301)
+    height = 2e-3 / length
+    columns: dict[str, ArrayLike] = {"length": length, "height": height, "tip_height": height}
+    columns |= {"segments": 3, "hinges": "midpoint"}
+    monkeypatch.setattr("fin_sim.surface_3d.factors.link_factors", None)  # what solves; it takes milliseconds a fin
+    constants = lane_constants(link_columns(PAPER_FISH, fin_columns(columns)), in_three_dimensions().water)
+    assert constants["virtual_mass"].shape == (301, 4)
 
 
 def test_a_fin_of_any_outline_has_factors_of_its_own_that_its_size_does_not_change() -> None:

@@ -68,7 +68,7 @@ def _steps(task: Task, columns: Mapping[str, NDArray[np.generic]], step: float |
     """Return the number of the first steps of each fin, shape (n,): its gait's, rounded up to one that many share."""
     least = np.full(len(columns["length"]), task.steps)
     if task.gait is None and step is None:
-        wanted = task.duration / first_steps(task.gaits(columns), task.ramp_time)
+        wanted = task.duration / first_steps(task.gaits(columns), task.ramp_time, task.fish.water.wake)
         with np.errstate(all="ignore"):  # a gait that is refused may be anything
             rung = np.ceil(_RUNGS * np.log2(wanted / task.steps) - 1e-9)
         rung = np.clip(np.nan_to_num(rung), 0.0, _RUNGS * _MOST_DOUBLINGS)

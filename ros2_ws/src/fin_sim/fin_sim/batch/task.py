@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fin_sim.fish import Fish
+    from fin_sim.water_settings import Wake
 
 Precision = Literal["double", "single"]
 
@@ -32,6 +33,8 @@ converged ones."""
 RAMP_STEPS, MOST_STEPS_A_BEAT = 16.0, 224.0
 """Least steps in the gait's ramp, as far as that takes no more than so many a beat."""
 LEAST_STEPS = 4
+_PARTS: dict[Wake, int] = {"lighthill": 1, "none": 4}
+"""Into how many parts a step is divided: without a wake the speed is what forces leave that nearly cancel."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,7 @@ def beating(gaits: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(products.max(axis=1))
 
 
-def first_steps(gaits: NDArray[np.float64], ramp_time: float) -> NDArray[np.float64]:
+def first_steps(gaits: NDArray[np.float64], ramp_time: float, wake: Wake = "lighthill") -> NDArray[np.float64]:
     """Return the default step for each gait, s, shape (n,)."""
     fastest = fastest_joints(gaits)
     with np.errstate(divide="ignore"):
@@ -87,7 +90,7 @@ def first_steps(gaits: NDArray[np.float64], ramp_time: float) -> NDArray[np.floa
         if ramp_time > 0.0:
             least = np.maximum(ramp_time / RAMP_STEPS, 1.0 / (MOST_STEPS_A_BEAT * fastest))
             step = np.minimum(step, least)
-    return np.asarray(step)
+    return np.asarray(step / _PARTS[wake])
 
 
 def window_step(duration: float, settle: float) -> float:
@@ -117,7 +120,9 @@ def checked_task(
     duration = checks.number("duration", duration, 0.0, 1e5, unit="s", exclusive_minimum=True)
     settle = checks.number("settle", settle, 0.0, duration, unit="s")
     if step is None:
-        step = LONGEST_STEP if gait is None else float(first_steps(gait.rows()[None], ramp_time)[0])
+        wake = fish.water.wake
+        longest = LONGEST_STEP / _PARTS[wake]
+        step = longest if gait is None else float(first_steps(gait.rows()[None], ramp_time, wake)[0])
     step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
     step = min(step, window_step(duration, settle))
     if gait is not None and len(gait.joints) != fish.driven_joints:

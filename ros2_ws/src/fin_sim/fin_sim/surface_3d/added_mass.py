@@ -9,6 +9,7 @@ and positive.
 
 from __future__ import annotations
 
+from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -55,6 +56,11 @@ def _bounds(links: Sequence[Link]) -> Array:
     return np.concatenate(([0.0], np.cumsum([link.length for link in links])))
 
 
+@cache
+def _gauss(points: int) -> tuple[Array, Array]:
+    return np.polynomial.legendre.leggauss(points)
+
+
 def _solve(matrix: Array, right: Array) -> Array:
     # Threads of a small system's elimination only wait for each other.
     with threadpool_limits(1, user_api="blas"):
@@ -95,7 +101,7 @@ def series_moments(bounds: Array, orders: int) -> Array:
     Returns:
         Over length^j, shape (N, 3, orders), j = 0, 1, 2.
     """
-    nodes, weights = np.polynomial.legendre.leggauss(orders + _SMOOTH)
+    nodes, weights = _gauss(orders + _SMOOTH)
     ends = np.arccos(np.clip(1.0 - 2.0 * bounds, -1.0, 1.0))
     half = 0.5 * np.diff(ends)[:, None]
     angle = ends[:-1, None] + half * (1.0 + nodes)
@@ -128,7 +134,7 @@ def link_factors(links: Sequence[Link], along: int = ALONG, across: int = ACROSS
 
 def _strip_moment(link: Link, power: int) -> float:
     """Return the integral over a link of pi/4 d^2 s^power."""
-    nodes, weights = np.polynomial.legendre.leggauss(3)
+    nodes, weights = _gauss(3)
     total = 0.0
     for (start, low), (end, high) in pairwise(link.stations):
         half = 0.5 * (end - start)

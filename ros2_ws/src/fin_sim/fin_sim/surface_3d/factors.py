@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 RATIOS = (0.05, 200.0)
 """Length over height of the table; a rectangle beyond it has the factors of the nearest."""
 _ROWS, _ALONG, _ACROSS = 73, 32, 10
-_CACHED = 4096
+_CACHED, _ROUNDING = 4096, 1e-12
 _TABLE = "surface_3d_rectangles.csv"
 
 
@@ -49,10 +49,16 @@ def rectangle_factors(ratio: Array, bounds: Array) -> Array:
         bounds: The joints and the trailing edge over the length, shape (N + 1,).
     """
     series = _rectangles()(np.log(np.clip(ratio, *RATIOS)))
-    weights = series_moments(bounds, series.shape[-1])
-    start, end = bounds[:-1], bounds[1:]
-    strip = np.stack([(end - start) ** power / power for power in (1, 2, 3)], axis=-1)
-    return np.asarray(np.tensordot(series, weights / strip[..., None], axes=(1, 2)))
+    weights = _weights(tuple(bounds.tolist()), series.shape[-1])
+    return np.asarray(series @ weights.T).reshape(len(series), len(bounds) - 1, 3)
+
+
+@lru_cache(maxsize=256)
+def _weights(bounds: tuple[float, ...], orders: int) -> Array:
+    """Return what a series makes of the factors of a rectangle's links, shape (3 N, orders)."""
+    ends = np.array(bounds)
+    strip = np.stack([np.diff(ends) ** power / power for power in (1, 2, 3)], axis=-1)
+    return (series_moments(ends, orders) / strip[..., None]).reshape(-1, orders)
 
 
 @lru_cache(maxsize=_CACHED)
@@ -62,11 +68,11 @@ def _solved(links: tuple[Link, ...]) -> Array:
 
 def factors(links: Sequence[Link]) -> Array:
     """Return the factors of the three virtual moments of each link of one sheet, shape (N, 3)."""
-    heights = {height for link in links for _, height in link.stations}
+    heights = np.array([height for link in links for _, height in link.stations])
     lengths = np.array([link.length for link in links])
-    if len(heights) == 1:
+    if np.all(_alike(heights, heights[:1])):
         bounds = np.concatenate(([0.0], np.cumsum(lengths))) / lengths.sum()
-        return np.asarray(rectangle_factors(np.array([lengths.sum() / heights.pop()]), bounds)[0])
+        return np.asarray(rectangle_factors(np.array([lengths.sum() / heights[0]]), bounds)[0])
     # The outline decides, at any size and with any hinges.
     size = float(lengths.sum())
     return _solved(
@@ -112,10 +118,10 @@ def columns_factors(links: Mapping[str, Array]) -> Array:
     length, root, tip = links["length"], links["root_height"], links["tip_height"]
     result = np.ones((*length.shape, 3))
     total, first = length.sum(axis=1), root[:, :1]
-    flat = np.all((root == first) & (tip == first), axis=1)
+    flat = np.all(_alike(root, first) & _alike(tip, first), axis=1)
     for name in ("piece_root", "piece_tip"):
         if name in links:
-            flat &= np.all(links[name] == first[:, :, None], axis=(1, 2))
+            flat &= np.all(_alike(links[name], first[:, :, None]), axis=(1, 2))
     # Rounded, so that fins of one division but of different lengths share one set of weights.
     bounds = np.round(np.hstack((np.zeros((len(total), 1)), np.cumsum(length, axis=1))) / total[:, None], 12)
     kinds, kind = np.unique(bounds[flat], axis=0, return_inverse=True)
@@ -126,6 +132,11 @@ def columns_factors(links: Mapping[str, Array]) -> Array:
     for row in np.flatnonzero(~flat).tolist():
         result[row] = factors([_link(links, row, column) for column in range(length.shape[1])])
     return result
+
+
+def _alike(one: Array, other: Array) -> NDArray[np.bool_]:
+    """Return where heights are the same but for the rounding of an interpolation between equal ends."""
+    return np.asarray(np.abs(one - other) <= _ROUNDING * other)
 
 
 def _link(links: Mapping[str, Array], row: int, column: int) -> Link:
