@@ -41,6 +41,10 @@ validation: setup ## check the physics against every known answer; writes docs/v
 campaign: setup ## the paper's experiments, figures and numbers, in runs/campaign; ARGS="hill_climber" for one of them
 	@./run fin_optimizer campaign $(ARGS)
 
+.PHONY: bench-search
+bench-search: setup ## which search finds a hidden fish's best fin in 12 trials; ARGS="--json" for programs
+	@./run fin_optimizer bench_search $(ARGS)
+
 .PHONY: bench
 bench: setup ## how fast fish swim and trials run, how late the servo driver ticks; ARGS="--quick" for a look
 	@$(environment) && python -m pip install --quiet --requirement requirements/bench.txt

@@ -30,6 +30,7 @@ SWIMS = str(ROOT / "tests/data/tail_actuated_fish_swims")
 FITTED = str(ROOT / "ros2_ws/src/fin_optimizer/config/fitted_tail_actuated_fish.yaml")
 ARGUMENTS = {
     "bench": ("--repeats", "50"),
+    "bench_search": ("--fish", "100"),
     "bringup": ("trials:=20", "study_folder:=study", "disk.minimum_free:=0"),
     "calibrate": ("--swims", SWIMS, "--starts", "50"),
     "calibrate_servo": (str(ROOT / "ros2_ws/src/fin_servo_driver/config/dynamixel.yaml"),),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
-from fin_optimizer.search.algorithms import ALGORITHMS, search
+from fin_optimizer.search.algorithms import ALGORITHMS, FOR_FINS, search
 from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ def test_each_name_is_its_own_search(name: str, kind: str) -> None:
 
 
 def test_a_study_may_name_every_search() -> None:
-    assert list(OPTIMIZER_PARAMETERS["search.algorithm"].choices) == list(ALGORITHMS)
+    assert list(OPTIMIZER_PARAMETERS["search.algorithm"].choices) == [*ALGORITHMS, *FOR_FINS]
 
 
 @pytest.mark.parametrize(

@@ -27,6 +27,7 @@ setup(
     entry_points={
         "console_scripts": [
             "optimizer = fin_optimizer.optimizer:main",
+            "bench_search = fin_optimizer.commands.bench_search:main",
             "bringup = fin_optimizer.commands.bringup:main",
             "calibrate = fin_optimizer.commands.calibrate:main",
             "compare_searches = fin_optimizer.commands.compare_searches:main",

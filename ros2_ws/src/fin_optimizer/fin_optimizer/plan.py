@@ -8,10 +8,10 @@ from datetime import datetime
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from fin_optimizer.gait_parameters import beat_of, gait_from_parameters
-from fin_optimizer.goals import Goals
+from fin_optimizer.goals import MEAN_SPEED, Goals
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER_PARAMETERS
 from fin_optimizer.score.mean_speed import Measurement
-from fin_optimizer.search.algorithms import search
+from fin_optimizer.search.algorithms import Swimming, search
 from fin_optimizer.search.rules import gait_of
 from fin_optimizer.search.space import Choice, Dimension, Space
 from fin_optimizer.search.space_file import SPACE_FILE, read_space
@@ -116,6 +116,13 @@ class StudyPlan:
         if not gait.moves:
             msg = "the gait moves no joint: give gait.amplitude, gait.joints.amplitude or a bias, in rad"
             raise ValueError(msg)
+
+        of_speed = [measure.name for measure in goals.measures] == [MEAN_SPEED]
+
+        def swum(candidate: Mapping[str, Any]) -> tuple[Fin, Gait]:
+            own = Fin.from_parameters({**fin.as_parameters(), **settings.fin_of(candidate)})
+            return own, gait if settings.rules is None else gait_of(settings.sent(candidate))
+
         return cls(
             **{name: values[name] for name in _AS_GIVEN},
             minimum_free=values["disk.minimum_free"],
@@ -128,6 +135,7 @@ class StudyPlan:
                 values["search.population"],
                 objectives=len(goals.measures),
                 constraints=len(goals.constraints),
+                swimming=Swimming(swum, measurement.settle, measurement.duration) if of_speed else None,
             ),
             fin=fin,
             gait=gait,
