@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_sim.ideal_2d.added_mass import AddedMass, MassError
+from fin_sim.ideal_2d.added_mass import AddedMass
+from fin_sim.ideal_2d.errors import MassError
 from fin_sim.ideal_2d.linkage import Linkage, Member
 from fin_sim.ideal_2d.outline import ellipse, fin, outline
 from support.plane_linkages import DATA, FIN_LENGTH, FIN_SOLID, A, B, ellipses, fish, largest_difference

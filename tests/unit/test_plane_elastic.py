@@ -11,7 +11,7 @@ import pytest
 
 from fin_sim.ideal_2d.added_mass import AddedMass
 from fin_sim.ideal_2d.elastic import Joint, Motion, move
-from fin_sim.ideal_2d.stroke import StrokeError
+from fin_sim.ideal_2d.errors import StrokeError
 from fin_sim.ideal_2d.table import FoldError, tabulate
 from support.plane_linkages import DATA, ellipses
 

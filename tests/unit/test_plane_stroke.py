@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from fin_sim.ideal_2d.added_mass import AddedMass
+from fin_sim.ideal_2d.errors import StrokeError
 from fin_sim.ideal_2d.linkage import Linkage, Member
 from fin_sim.ideal_2d.outline import ellipse, fin
-from fin_sim.ideal_2d.stroke import JointAngle, Stroke, StrokeError, swim_stroke
+from fin_sim.ideal_2d.stroke import JointAngle, Stroke, swim_stroke
 from support.plane_linkages import DATA, ellipses
 
 QUARTER = 0.5 * math.pi

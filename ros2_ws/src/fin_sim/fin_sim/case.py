@@ -31,7 +31,10 @@ ValueT = TypeVar("ValueT", Body, Link, JointDrive, Motor)
 
 _REQUIRED = {"rho", "normal_drag", "body", "links", "joints", "ramp", "duration", "clamp", "reactive"}
 _WATER_KEYS = {"density": "rho", "model": "water"}
-_WATER = {_WATER_KEYS.get(item.name, item.name): item.name for item in fields(Water)}
+_OF_A_BODY_WITH_AXES = {"added_mass", "gap"}  # a case knows no axes
+_WATER = {
+    _WATER_KEYS.get(item.name, item.name): item.name for item in fields(Water) if item.name not in _OF_A_BODY_WITH_AXES
+}
 """The water's attributes by the keys of a case."""
 _WORDS = {"model", "wake", "drag", "tip_term", "added_mass"}
 _KEYS = {*_REQUIRED, *_WATER, "servo"}

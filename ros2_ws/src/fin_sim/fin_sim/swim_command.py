@@ -27,6 +27,7 @@ from fin_plant.paths import given_path
 from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
+from fin_sim.ideal_2d.errors import MassError, StrokeError
 from fin_sim.materials import material
 from fin_sim.quick_variation import swim_quickly
 from fin_sim.swim import SIMULATOR_PARAMETERS
@@ -60,6 +61,7 @@ _OF_MATERIAL = ("fin.young_modulus", "fin.density")
 _DAMPING_TIME = "fin.damping_time"  # follows from a material's loss and the frequency, where it is not given
 _BAD_INPUT = 2
 _SWIM_FAILED = 1
+_MODEL = "water.model"
 _INTERRUPTED = 130
 _PIPE_WIDTH = 140
 _MANY_SWIMS = 500
@@ -79,6 +81,9 @@ _EXAMPLES = """examples:
   swim --animate swim.gif
       body, fin and path from above
   swim --case case.json --json --csv trajectory.csv
+  swim --water.preset bht --fin.young_modulus 3e9
+      in the plane ideal flow, without wake and drag
+  swim --water ideal_2d --chain three_ellipses.yaml --animate stroke.gif
 """
 
 
@@ -108,6 +113,12 @@ def _parser() -> argparse.ArgumentParser:
 def _add_what_swims(parser: argparse.ArgumentParser) -> None:
     what = parser.add_argument_group("what swims")
     what.add_argument("--case", type=given_path, metavar="FILE", help="a case file, JSON, with every parameter")
+    what.add_argument(
+        "--chain",
+        type=given_path,
+        metavar="FILE",
+        help="a swimmer of one's own for --water ideal_2d, YAML: ellipses, outlines, fins, and how their joints move",
+    )
     what.add_argument(
         "--material",
         metavar="NAME",
@@ -262,12 +273,17 @@ def _plan(options: argparse.Namespace) -> SwimPlan:
     return plan
 
 
-def _refuse_with_case(options: argparse.Namespace) -> None:
-    names = [*PARAMETERS, *(name for name in _PLAN_OPTIONS if name != "step"), "material", "shape", "params_file"]
+def _refuse_with_file(options: argparse.Namespace, holder: str, own: tuple[str, ...]) -> None:
+    """Refuse options beside a file that holds everything but its ``own`` ones.
+
+    Raises:
+        ValueError: There is one.
+    """
+    names = [*PARAMETERS, *(name for name in _PLAN_OPTIONS if name not in own), "material", "shape", "params_file"]
     given = [name for name in names if getattr(options, name) is not None]
     if given or options.vary or options.quick:
         option = (given or (["vary"] if options.vary else ["quick"]))[0].replace("params_file", "params-file")
-        msg = f"--case holds every parameter: leave out --{option} or edit the file"
+        msg = f"--{holder} holds every parameter: leave out --{option} or edit the file"
         raise ValueError(msg)
 
 
@@ -406,12 +422,51 @@ def _one(
 
 
 def _run_case(options: argparse.Namespace) -> None:
-    _refuse_with_case(options)
+    _refuse_with_file(options, "case", own=("step",))
     case = case_files.read_case(options.case)
     swim = case.swim() if options.step is None else case.swim(step=options.step)
     case_files.summary(swim)  # a held swim that is too short is refused, not shown without its means
     length = 2.0 * case.chain.body.tail_offset or 0.1  # a case knows no axes: an ellipse up to the tail's joint
     _one(swim, options, (length, length / 3.0), options.case.stem, case_files.SAMPLES_A_ROW)
+
+
+def _run_chain(options: argparse.Namespace) -> None:
+    """Swim a swimmer of one's own, and put out what was asked of it.
+
+    Raises:
+        ValueError: The file is refused, or an option that has nothing to do with it.
+        StrokeError: Links collide.
+        MassError: The mass matrix is not positive.
+    """
+    from fin_sim.ideal_2d.swimmer_file import read_swimmer  # noqa: PLC0415  (a fish needs none)
+    from fin_sim.swimmer_command import UNITS, swim_swimmer  # noqa: PLC0415
+
+    if getattr(options, _MODEL) != "ideal_2d":
+        msg = "--chain swims in a plane ideal flow alone: add --water ideal_2d"
+        raise ValueError(msg)
+    setattr(options, _MODEL, None)
+    if options.case:
+        msg = "--chain and --case both say what swims: leave one of them out"
+        raise ValueError(msg)
+    _refuse_with_file(options, "chain", own=())
+    swum = swim_swimmer(read_swimmer(options.chain))
+    if options.csv == "-":
+        sys.stdout.write(swum.table())
+    elif options.csv:
+        with _output(Path(options.csv)) as file:
+            file.write_text(swum.table(), encoding="utf-8")
+    if options.plot:
+        _draw(options.plot, lambda file: swum.draw(file, options.chain.stem))
+    if options.animate:
+        _draw(options.animate, swum.animate)
+    if options.json:
+        units = {name: UNITS[name] for name in swum.figures}
+        print(_json({**swum.figures, "links": list(swum.swimmer.names), "units": units}))  # noqa: T201
+    elif options.csv != "-":
+        table = Table("a stroke", "value", "unit")
+        for name, value in swum.figures.items():
+            table.add_row(name.replace("_", " "), f"{value:.6g}", UNITS[name])
+        _console().print(table)
 
 
 def _table(axes: Sequence[Axis], rows: Sequence[Mapping[str, Cell]]) -> Table:
@@ -514,6 +569,9 @@ def _check_tow_speed(plan: SwimPlan, axes: Sequence[Axis], options: argparse.Nam
 
 def _run(options: argparse.Namespace) -> int:
     _check_outputs(options)
+    if options.chain:
+        _run_chain(options)
+        return 0
     if options.case:
         _run_case(options)
         return 0
@@ -563,7 +621,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
         return _BAD_INPUT
-    except (StepError, validity.FoldedError) as error:
+    except (StepError, StrokeError, MassError, validity.FoldedError) as error:
         print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
         return _SWIM_FAILED
 

@@ -28,6 +28,7 @@ import scipy.linalg
 from threadpoolctl import ThreadpoolController
 
 from fin_sim.compiled import kernel
+from fin_sim.ideal_2d.errors import MassError
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -39,10 +40,6 @@ if TYPE_CHECKING:
 
 Circulation = Literal["none", "free"]
 CIRCULATIONS: tuple[Circulation, ...] = ("none", "free")
-
-
-class MassError(ArithmeticError):
-    """The mass matrix is not positive."""
 
 
 _SCALE = 4.0

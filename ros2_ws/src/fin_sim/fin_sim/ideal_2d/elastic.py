@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import scipy.integrate
 
-from fin_sim.ideal_2d.added_mass import MassError
-from fin_sim.ideal_2d.stroke import StrokeError
+from fin_sim.ideal_2d.errors import MassError, StrokeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fin_plant import checks
+from fin_sim.ideal_2d.errors import StrokeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -29,10 +30,6 @@ TOLERANCE = 1e-9
 
 
 _Moved = tuple[NDArray[np.float64], float]  # velocity of the first member, and kinetic energy
-
-
-class StrokeError(ArithmeticError):
-    """A stroke that cannot be swum: members collide, or it does not converge."""
 
 
 @dataclass(frozen=True)
