@@ -71,24 +71,25 @@ def computed_again(space: Path, folder: Path) -> list[Values]:
     return [plan.search.propose(history[:number]) for number in range(len(history))]
 
 
-@pytest.mark.timeout(180)
+@pytest.mark.long
+@pytest.mark.timeout(400)
 def test_a_simulated_study_that_is_killed_twice_has_the_candidates_of_an_undisturbed_one(
     start: Start, tmp_path: Path
 ) -> None:
     space, folder = tmp_path / "space.yaml", tmp_path / "study"
     space.write_text(SPACE)
     trials = FIRST + 3
-    killed_twice(start, words_of(space, folder, trials, "sim"), folder, trials, 90.0)
+    killed_twice(start, words_of(space, folder, trials, "sim"), folder, trials, 150.0)
     swum = [candidate.values for candidate in candidates(read_trials(folder))]
     assert swum == computed_again(space, folder)
 
 
 @pytest.mark.long
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_it_has_those_of_one_that_was_really_swum_without_a_kill(start: Start, tmp_path: Path) -> None:
     space, trials = tmp_path / "space.yaml", FIRST + 6
     space.write_text(SPACE)
-    killed_twice(start, words_of(space, tmp_path / "killed", trials, "sim"), tmp_path / "killed", trials, 90.0)
+    killed_twice(start, words_of(space, tmp_path / "killed", trials, "sim"), tmp_path / "killed", trials, 150.0)
     whole = start("fin_optimizer", "bringup", *words_of(space, tmp_path / "whole", trials, "sim"))
     assert whole.wait(120) == 0, whole.tail()
     swum, undisturbed = ([c.values for c in candidates(read_trials(tmp_path / n))] for n in ("killed", "whole"))

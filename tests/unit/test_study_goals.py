@@ -13,6 +13,8 @@ from optuna.storages.journal import JournalFileBackend
 
 from fin_optimizer.commands import export, show_study
 from fin_optimizer.goals import Goals
+from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
+from fin_optimizer.plan import StudyPlan
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.space import Dimension, Space
 from fin_optimizer.study import final_report
@@ -133,6 +135,59 @@ def test_a_table_shows_what_is_asked_for_and_what_is_missed(swum: Path, capsys: 
     assert rows[0] == ["1", "1.200", "2.500", "20.00", "60.00", "450.0", "*", "0002"]
     assert rows[3] == ["4", "1.100", "1.000", "60.00", "30.00", "300.0", "mean_speed", "0001"]
     assert rows[4] == ["5", "1.400", "4.000", "50.00", "20.00", "900.0", "power", "0004"]
+
+
+SHEETS = """
+search:
+  fin.length: {minimum: 60 mm, maximum: 110 mm, step: 5 mm}
+  gait.frequency: {minimum: 0.7 Hz, maximum: 1.3 Hz}
+stock:
+  PP_0.5: {material: PP, thickness: 0.5 mm}
+  PET_0.35: {material: PET, thickness: 0.35 mm}
+  offcut: {young_modulus: 2.263 GPa, density: 1190 kg/m^3, thickness: 0.3 mm}
+"""
+
+
+def swim_on(folder: Path, words: dict[str, object], trials: int) -> None:
+    """Begin a study, or go on with it, as a new process does that is killed in the trial after these."""
+    plan = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({**words, "study_folder": str(folder)}))
+    with plan.study() as study:
+        for _ in range(trials):
+            following = study.next_candidate(plan.search)
+            assert following is not None
+            record = study.start(study.propose(*following).number)
+            length, frequency = following[1]["fin.length"], following[1]["gait.frequency"]
+            speed = 0.03 - (length - 0.08) ** 2 - 0.02 * (frequency - 1.0) ** 2 + 0.001 * len(following[1]["stock"])
+            power = 0.2 * frequency**3
+            study.finish(record.number, result((speed, 0.1 * speed / power, 1.0 - length, power)))
+        if following := study.next_candidate(plan.search):
+            study.start(study.propose(*following).number)
+
+
+def test_a_study_over_sheets_length_and_frequency_that_is_gone_on_with_twice_is_an_undisturbed_one(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "space.yaml").write_text(SHEETS)
+    words: dict[str, object] = {
+        "space": str(tmp_path / "space.yaml"),
+        "search.algorithm": "gp",
+        "objective": "efficiency,turning_radius",
+        "constraints": ["mean_speed >= 2 cm/s", "power <= 0.3 W"],
+    }
+    swim_on(tmp_path / "whole", words, 11)
+    for part in (3, 6, 2):
+        swim_on(tmp_path / "cut", words, part)
+    found = {name: [t.values for t in read_trials(tmp_path / name) if t.measured] for name in ("whole", "cut")}
+    assert len(found["whole"]) == 11
+    assert found["cut"] == found["whole"]
+
+
+def test_nothing_is_written_of_a_study_whose_goals_are_refused(tmp_path: Path) -> None:
+    slips: list[dict[str, object]] = [{"objective": "efficency"}, {"constraints": ["power <= 0.5 J"]}]
+    for wrong in slips:
+        with pytest.raises(ValueError, match=r"efficiency|in W"):
+            swim_on(tmp_path / "study", wrong, 1)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_an_export_has_a_column_with_its_unit_for_each_measure(swum: Path, tmp_path: Path) -> None:
