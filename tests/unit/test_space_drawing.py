@@ -10,6 +10,7 @@ import pytest
 
 from fin_optimizer.commands.export import columns
 from fin_optimizer.commands.show_study import study_table
+from fin_optimizer.goals import MEASURES
 from fin_optimizer.search.space import Choice, Dimension, Space, generator
 from fin_optimizer.study import pictures, space_drawing
 from fin_optimizer.study.candidate import TrialRecord
@@ -84,7 +85,7 @@ def test_a_slice_keeps_all_else_as_the_best_has_it_and_has_a_gap_where_a_candida
         seen.extend(some)
         return [math.nan if values["fin.length"] > 0.1 else 0.03 for values in some]
 
-    curves = pictures.slices_through(SPACE, best, speeds, points=3)
+    curves = pictures.slices_through(SPACE, best, MEASURES["mean_speed"], speeds, points=3)
     assert list(curves) == list(SPACE.names)
     assert all(sum(values[name] != best[name] for name in SPACE.names) <= 1 for values in seen)
     assert list(curves["stock"][0]) == [0.0, 1.0]

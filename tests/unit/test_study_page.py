@@ -138,7 +138,7 @@ def test_of_ten_thousand_trials_the_fastest_stand_in_the_table_and_no_plot_has_m
     assert len(table.rows) == 400
     speeds = [row[6].sort for row in table.rows]
     assert min(s for s in speeds if s is not None) == pytest.approx(0.01 + 1e-6 * 9600)
-    assert "400 fastest of 10900" in table.note
+    assert "400 best of 10900" in table.note
     for plot in of_kind(page, Plot):
         assert all(len(trace["x"]) <= figures.MOST for trace in plot.figure["data"] if trace.get("mode") == "markers")
     (refused,) = section(page, "refused").blocks
@@ -218,8 +218,8 @@ def test_a_speed_is_computed_once_and_kept_for_the_same_simulator_alone(tmp_path
 def test_a_map_has_a_row_a_value_of_the_second_parameter() -> None:
     found = map_of(Space((MODULUS, LENGTH)), {}, lambda some: [values[LENGTH.name] for values in some])
     assert isinstance(found, Map)
-    assert [row[0] for row in found.speeds] == list(found.up)
-    assert all(len(set(row)) == 1 and len(row) == len(found.across) for row in found.speeds)
+    assert [row[0] for row in found.found] == list(found.up)
+    assert all(len(set(row)) == 1 and len(row) == len(found.across) for row in found.found)
     assert map_of(SPACE, {}, lambda some: [0.0] * len(some)) is None
 
 
@@ -265,7 +265,7 @@ def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its
     assert own is not None
     assert own.is_the_plant
     assert own.film is not None
-    assert np.isfinite(own.curves[LENGTH.name].speeds).all()
+    assert np.isfinite(own.curves[LENGTH.name].found).all()
     before = cache.read_text()
     assert simulate(settings, trials, fish, cache) == own
     assert cache.read_text() == before

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import html
 import math
+import statistics
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fin_optimizer.goals import LESS, MEAN_SPEED, MEASURES
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study.drawing import axis_label, axis_scale
 from fin_optimizer.trial.result import Outcome
-from fin_optimizer.words import CM, in_words, show_number, show_speed, show_values, trial_name
+from fin_optimizer.words import in_words, show_number, show_values, trial_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
     Figure = dict[str, Any]
 
-SPEED_LABEL = "mean forward speed (cm/s)"
+SPEED = MEASURES[MEAN_SPEED]
 BLUE, RED, GREEN, ORANGE, PURPLE = (f"var(--{name})" for name in ("blue", "red", "green", "orange", "purple"))
 INK, QUIET = "var(--ink)", "var(--quiet)"
 COLOURS = (BLUE, RED, GREEN, ORANGE, PURPLE)
@@ -114,37 +116,43 @@ def ring(x: Any, y: Any, text: str) -> dict[str, Any]:
     return {**trace, "text": [told], "hovertemplate": "%{text}<extra></extra>"}
 
 
-def say(trial: TrialRecord) -> str:
+def value_of(goal: Measure, some: TrialRecord | Candidate) -> float | None:
+    """Return a measure of a trial or a candidate in the unit of a laboratory; None of one without a score."""
+    value = some.measured.get(goal.name)
+    return None if value is None else rounded(value / goal.shown_in[1])
+
+
+def say(goal: Measure, trial: TrialRecord) -> str:
     """Return a trial in words."""
     said = f"{trial_name(trial.number)}: {show_values(trial.values)}"
-    return f"{said}, {show_speed(trial.score)}" if trial.score is not None else f"{said}, {trial.outcome.value}"
+    return f"{said}, {goal.shown(trial.measured[goal.name])}" if trial.measured else f"{said}, {trial.outcome.value}"
 
 
-def say_candidate(candidate: Candidate) -> str:
+def say_candidate(goal: Measure, candidate: Candidate) -> str:
     """Return a candidate in words."""
-    score = "" if candidate.score is None else f", {show_speed(candidate.score)}"
+    score = f", {goal.shown(candidate.measured[goal.name])}" if candidate.measured else ""
     return f"fin {candidate.number + 1}: {show_values(candidate.values)}{score}"
 
 
 # -- plots of a study ------------------------------------------------------------------------------------------------
 
 
-def progress(trials: Sequence[TrialRecord], best: Candidate | None) -> Figure:
-    """Return the score over the number of the trial, the best so far, and at the bottom what has no score."""
-    scored = [trial for trial in trials if trial.score is not None]
+def progress(goal: Measure, trials: Sequence[TrialRecord], best: Candidate | None) -> Figure:
+    """Return what is looked for over the number of the trial, the best so far, and below what has no score."""
+    scored = [trial for trial in trials if trial.measured]
     shown = [scored[index] for index in some_of(len(scored))]
     data = [
         dots(
             [trial.number for trial in shown],
-            numbers((trial.score or 0.0) / CM for trial in shown),
+            [value_of(goal, trial) for trial in shown],
             f"trials ({len(scored)})" if len(shown) == len(scored) else f"{len(shown)} of {len(scored)} trials",
-            [say(trial) for trial in shown],
+            [say(goal, trial) for trial in shown],
             color=BLUE,
-            size=8 if len(shown) < 400 else 4,  # noqa: PLR2004
+            size=_size(shown, 8),
         )
     ]
-    steps = _best_so_far([(trial.number, trial.score or 0.0) for trial in scored], len(trials) - 1)
-    data.append(line(steps[0], numbers(steps[1]), "best so far", INK, shape="hv", hoverinfo="skip"))
+    x, y = _best_so_far(goal, scored, len(trials) - 1)
+    data.append(line(x, y, "best so far", INK, shape="hv", hoverinfo="skip"))
     for outcome, symbol in _OUTCOME_SYMBOLS.items():
         without = [trial for trial in trials if trial.outcome is outcome]
         if without:
@@ -153,40 +161,51 @@ def progress(trials: Sequence[TrialRecord], best: Candidate | None) -> Figure:
                 [trial.number for trial in few],
                 [0.02] * len(few),
                 f"{outcome.value} ({len(without)})",
-                [f"{say(trial)}: {trial.reason}" for trial in few],
+                [f"{say(goal, trial)}: {trial.reason}" for trial in few],
                 symbol=symbol,
                 size=9,
                 line={"width": 2, "color": ORANGE},
             )
             data.append({**marks, "yaxis": "y2"})
-    if best is not None and best.score is not None:
-        first = next(trial for trial in best.trials if trial.score is not None)
-        data.append(ring(first.number, rounded((first.score or 0.0) / CM), say_candidate(best)))
+    if best is not None:
+        first = next(trial for trial in best.trials if trial.measured)
+        data.append(ring(first.number, value_of(goal, first), say_candidate(goal, best)))
     second = {"overlaying": "y", "range": [0, 1], "visible": False, "fixedrange": True}
-    return figure(data, titled("trial"), titled(SPEED_LABEL), yaxis2=second)
+    return figure(data, titled("trial"), titled(goal.axis), yaxis2=second)
 
 
-def _best_so_far(scores: Sequence[tuple[int, float]], last: int) -> tuple[list[int], list[float]]:
-    """Return where the best rises and how high it is then, in cm/s, up to the last trial."""
+def _size(shown: Sequence[Any], few: int) -> int:
+    """Return the size of a point: that of few, or half of it where there are many."""
+    return few if len(shown) < 400 else few // 2  # noqa: PLR2004
+
+
+def _best_so_far(goal: Measure, scored: Sequence[TrialRecord], last: int) -> tuple[list[int], list[float | None]]:
+    """Return where the best gets better and how good it is then, up to the last trial; constraints do not count."""
     x: list[int] = []
-    y: list[float] = []
-    for number, score in scores:
-        if not y or score / CM > y[-1]:
-            x.append(number)
-            y.append(score / CM)
+    y: list[float | None] = []
+    best = -math.inf
+    for trial in scored:
+        good = goal.direction * trial.measured[goal.name]
+        if good > best:
+            best = good
+            x.append(trial.number)
+            y.append(value_of(goal, trial))
     if x and x[-1] < last:
         x.append(last)
         y.append(y[-1])
     return x, y
 
 
-def over(dimension: AnyDimension, scored: Sequence[Candidate], best: Candidate, curve: Curve | None) -> Figure:
+def over(
+    goal: Measure, dimension: AnyDimension, scored: Sequence[Candidate], best: Candidate, curve: Curve | None
+) -> Figure:
     """Return the score over one parameter, with the simulator's curve through the best behind it."""
     data = []
     if curve is not None:
         x = [place(dimension, value) for value in curve.values]
-        y = numbers(speed / CM for speed in curve.speeds)
+        y = numbers(each / goal.shown_in[1] for each in curve.found)
         name = "simulator, all else as the best has it"
+        hover = f"%{{y:.4g}} {goal.shown_in[0]}<extra>simulator</extra>"
         if isinstance(dimension, Choice):
             hollow: dict[str, Any] = {
                 "symbol": "square-open",
@@ -194,48 +213,53 @@ def over(dimension: AnyDimension, scored: Sequence[Candidate], best: Candidate, 
                 "color": QUIET,
                 "line": {"width": 2, "color": QUIET},
             }
-            data.append(dots(x, y, name, **hollow) | {"hovertemplate": "%{y:.4g} cm/s<extra>simulator</extra>"})
+            data.append(
+                dots(x, y, name, **hollow) | {"hovertemplate": f"%{{y:.4g}} {goal.shown_in[0]}<extra>simulator</extra>"}
+            )
         else:
-            data.append(line(x, y, name, QUIET, hovertemplate="%{y:.4g} cm/s<extra>simulator</extra>"))
+            data.append(line(x, y, name, QUIET, hovertemplate=hover))
     shown = [scored[index] for index in some_of(len(scored))]
     data.append(
         dots(
             [place(dimension, c.values[dimension.name]) for c in shown],
-            numbers((c.score or 0.0) / CM for c in shown),
+            [value_of(goal, c) for c in shown],
             f"fins ({len(scored)})" if len(shown) == len(scored) else f"{len(shown)} of {len(scored)} fins",
-            [say_candidate(c) for c in shown],
-            size=8 if len(shown) < 400 else 4,  # noqa: PLR2004
+            [say_candidate(goal, c) for c in shown],
+            size=_size(shown, 8),
             color=[c.number for c in shown],
             colorscale="Cividis",
             line={"width": 1, "color": QUIET},
         )
     )
     at = place(dimension, best.values[dimension.name])
-    data.append(ring(at, rounded((best.score or 0.0) / CM), say_candidate(best)))
-    return figure(data, along(dimension), titled(SPEED_LABEL))
+    data.append(ring(at, value_of(goal, best), say_candidate(goal, best)))
+    return figure(data, along(dimension), titled(goal.axis))
 
 
-def chart(space: Space, scored: Sequence[Candidate], best: Candidate, simulated: Map | None) -> Figure:
+def chart(goal: Measure, space: Space, scored: Sequence[Candidate], best: Candidate, simulated: Map | None) -> Figure:
     """Return the first two parameters as axes, with the score as colour, and the simulator's map behind them."""
     first, second = space.dimensions[:2]
     data: list[dict[str, Any]] = []
-    speeds = [(c.score or 0.0) / CM for c in scored]
-    known = [speed / CM for row in simulated.speeds for speed in row if math.isfinite(speed)] if simulated else []
-    scale = {"colorscale": "Cividis", "cmin": rounded(min(speeds + known)), "cmax": rounded(max(speeds + known))}
+    factor = goal.shown_in[1]
+    swum = [c.measured[goal.name] / factor for c in scored]
+    known = [each / factor for row in simulated.found for each in row if math.isfinite(each)] if simulated else []
+    scale = {"colorscale": "Cividis", "cmin": rounded(min(swum + known)), "cmax": rounded(max(swum + known))}
+    scale["reversescale"] = goal.direction == LESS
     if simulated is not None:
         data.append(
             {
                 "type": "contour",
                 "x": [place(first, value) for value in simulated.across],
                 "y": [place(second, value) for value in simulated.up],
-                "z": [numbers(speed / CM for speed in row) for row in simulated.speeds],
+                "z": [numbers(each / factor for each in row) for row in simulated.found],
                 "colorscale": "Cividis",
+                "reversescale": scale["reversescale"],
                 "zmin": scale["cmin"],
                 "zmax": scale["cmax"],
                 "ncontours": 16,
                 "showscale": False,
                 "line": {"width": 0.5, "color": "var(--paper)"},
-                "hovertemplate": "%{z:.4g} cm/s<extra>simulator</extra>",
+                "hovertemplate": f"%{{z:.4g}} {goal.shown_in[0]}<extra>simulator</extra>",
             }
         )
     shown = [scored[index] for index in some_of(len(scored))]
@@ -244,57 +268,58 @@ def chart(space: Space, scored: Sequence[Candidate], best: Candidate, simulated:
             [place(first, c.values[first.name]) for c in shown],
             [place(second, c.values[second.name]) for c in shown],
             "fins",
-            [say_candidate(c) for c in shown],
-            size=11 if len(shown) < 400 else 5,  # noqa: PLR2004
+            [say_candidate(goal, c) for c in shown],
+            size=_size(shown, 11),
             line={"width": 1.5, "color": "white"},
-            color=numbers((c.score or 0.0) / CM for c in shown),
-            colorbar={"title": {"text": "cm/s"}, "thickness": 14, "outlinewidth": 0},
+            color=[value_of(goal, c) for c in shown],
+            colorbar={"title": {"text": goal.shown_in[0]}, "thickness": 14, "outlinewidth": 0},
             **scale,
         )
     )
     data.append(
-        ring(place(first, best.values[first.name]), place(second, best.values[second.name]), say_candidate(best))
+        ring(place(first, best.values[first.name]), place(second, best.values[second.name]), say_candidate(goal, best))
     )
     return figure(data, along(first), along(second), showlegend=False)
 
 
-def parallel(space: Space, scored: Sequence[Candidate]) -> Figure:
-    """Return each candidate as a line over one axis a parameter and one for the score, the best drawn on top."""
-    ranked = sorted(scored, key=lambda c: c.score or 0.0)
+def parallel(goal: Measure, space: Space, scored: Sequence[Candidate], best: Candidate) -> Figure:
+    """Return each candidate as a line over one axis a parameter and one for what is looked for, the best on top."""
+    ranked = sorted(scored, key=lambda c: goal.direction * c.measured[goal.name])
     chosen = [ranked[index] for index in some_of(len(ranked), LINES)]
-    low, high = (chosen[0].score or 0.0) / CM, (chosen[-1].score or 0.0) / CM
+    factor = goal.shown_in[1]
+    ends = sorted(ranked[place].measured[goal.name] / factor for place in (0, -1))
     across = list(range(len(space.dimensions) + 1))
     data: list[dict[str, Any]] = []
     for shade, colour in enumerate(_SHADES):
         x: list[float | None] = []
         y: list[float | None] = []
-        for candidate in chosen[:-1]:
-            share = _share(candidate, low, high)
-            if min(int(share * len(_SHADES)), len(_SHADES) - 1) == shade:
+        for candidate in chosen:
+            share = _share(goal, candidate, ends)
+            good = share if goal.direction != LESS else 1.0 - share
+            if candidate is not best and min(int(good * len(_SHADES)), len(_SHADES) - 1) == shade:
                 x += [*across, None]
                 y += [*_heights(space, candidate, share), None]
         if x:
-            data.append(
-                line(x, y, "", colour, hoverinfo="skip", showlegend=False, opacity=0.75) | {"connectgaps": False}
-            )
+            data.append(line(x, y, "", colour, hoverinfo="skip", showlegend=False, opacity=0.75))
             data[-1]["line"]["width"] = 1.3
-    best = chosen[-1]
-    data.append(line(across, _heights(space, best, _share(best, low, high)), "the best", RED, hoverinfo="skip"))
+    data.append(line(across, _heights(space, best, _share(goal, best, ends)), "the best", RED, hoverinfo="skip"))
     data[-1]["line"]["width"] = 4
     labels = [axis_label(dimension).replace(" (", "<br>(") for dimension in space.dimensions]
     notes = [note for index, dimension in enumerate(space.dimensions) for note in _ends(index, dimension)]
-    notes += [_note(across[-1], -0.05, f"{low:.4g}"), _note(across[-1], 1.05, f"{high:.4g}")]
+    notes += [_note(across[-1], height, f"{end:.4g}") for height, end in zip((-0.05, 1.05), ends, strict=True)]
     shapes = [
         {"type": "line", "x0": x, "x1": x, "y0": 0, "y1": 1, "line": {"color": QUIET, "width": 1}} for x in across
     ]
-    axis = {"tickvals": across, "ticktext": [*labels, "speed<br>(cm/s)"], "showgrid": False, "zeroline": False}
+    last = f"{goal.words}<br>({goal.shown_in[0]})"
+    axis = {"tickvals": across, "ticktext": [*labels, last], "showgrid": False, "zeroline": False}
     axis |= {"range": [-0.3, across[-1] + 0.3], "fixedrange": True}
     up = {"visible": False, "range": [-0.12, 1.12], "fixedrange": True}
     return figure(data, axis, up, annotations=notes, shapes=shapes)
 
 
-def _share(candidate: Candidate, low: float, high: float) -> float:
-    return ((candidate.score or 0.0) / CM - low) / (high - low) if high > low else 0.5
+def _share(goal: Measure, candidate: Candidate, ends: Sequence[float]) -> float:
+    low, high = ends
+    return (candidate.measured[goal.name] / goal.shown_in[1] - low) / (high - low) if high > low else 0.5
 
 
 def _heights(space: Space, candidate: Candidate, share: float) -> list[float | None]:
@@ -319,28 +344,33 @@ def _note(x: float, y: float, text: str) -> dict[str, Any]:
     return {"x": x, "y": y, "text": html.escape(text), **look}
 
 
-def repeats(some: Sequence[Candidate]) -> Figure:
+def repeats(goal: Measure, some: Sequence[Candidate]) -> Figure:
     """Return the swims of candidates one by one, with their mean and its standard deviation, the best first."""
     x = [f"fin {candidate.number + 1}" for candidate in some]
-    swims = [(name, trial) for name, c in zip(x, some, strict=True) for trial in c.trials if trial.score is not None]
+    swims = [(name, trial) for name, c in zip(x, some, strict=True) for trial in c.trials if trial.measured]
     data = [
         dots(
             [name for name, _ in swims],
-            numbers((trial.score or 0.0) / CM for _, trial in swims),
+            [value_of(goal, trial) for _, trial in swims],
             "swims",
-            [say(trial) for _, trial in swims],
+            [say(goal, trial) for _, trial in swims],
             color=BLUE,
             symbol="circle-open",
             line={"width": 2, "color": BLUE},
         )
     ]
-    means = dots(
-        x, numbers((c.score or 0.0) / CM for c in some), "mean and standard deviation", list(map(say_candidate, some))
-    )
+    told = [say_candidate(goal, c) for c in some]
+    means = dots(x, [value_of(goal, c) for c in some], "mean and standard deviation", told)
     means["marker"] = {"symbol": "line-ew", "size": 18, "line": {"width": 3, "color": RED}}
-    spread = numbers(None if c.spread is None else c.spread / CM for c in some)
+    spread = numbers(spread_of(goal, c) / goal.shown_in[1] for c in some)
     means["error_y"] = {"type": "data", "array": spread, "color": RED, "thickness": 1.5, "width": 5}
-    return figure([*data, means], {"type": "category"}, titled(SPEED_LABEL))
+    return figure([*data, means], {"type": "category"}, titled(goal.axis))
+
+
+def spread_of(goal: Measure, candidate: Candidate) -> float:
+    """Return the standard deviation of a measure between the swims of a candidate, in SI; 0 of one swim."""
+    known = [trial.measured[goal.name] for trial in candidate.trials if trial.measured]
+    return statistics.stdev(known) if len(known) > 1 else 0.0
 
 
 def front(tried: Sequence[Candidate], chosen: Sequence[Candidate], goals: Sequence[Measure]) -> Figure:
@@ -352,7 +382,12 @@ def front(tried: Sequence[Candidate], chosen: Sequence[Candidate], goals: Sequen
         return numbers(candidate.measured[goal.name] / goal.shown_in[1] for candidate in candidates)
 
     def say(candidate: Candidate) -> str:
-        return ", ".join([say_candidate(candidate), *(goal.told(candidate.measured[goal.name]) for goal in goals)])
+        return ", ".join(
+            [
+                f"fin {candidate.number + 1}: {show_values(candidate.values)}",
+                *(goal.told(candidate.measured[goal.name]) for goal in goals),
+            ]
+        )
 
     first, second = goals
     points = dots(
@@ -389,20 +424,18 @@ def importance(shares: Mapping[str, float]) -> Figure:
     return figure([bars], titled("share (%)", range=[0, most]), {"automargin": True})
 
 
-def against(pairs: Sequence[tuple[Candidate, float, float]]) -> Figure:
-    """Return measured over simulated speed, with the line on which both are equal."""
-    x = numbers(simulated / CM for _, simulated, _ in pairs)
-    y = numbers(measured / CM for _, _, measured in pairs)
+def against(measure: Measure, pairs: Sequence[tuple[Candidate, float, float]]) -> Figure:
+    """Return measured over simulated, with the line on which both are equal."""
+    unit, factor = measure.shown_in
+    x = numbers(simulated / factor for _, simulated, _ in pairs)
+    y = numbers(measured / factor for _, _, measured in pairs)
     ends = [min(v for v in x + y if v is not None), max(v for v in x + y if v is not None)]
-    points = dots(x, y, "fins", [say_candidate(candidate) for candidate, _, _ in pairs], color=BLUE)
-    points["error_y"] = {
-        "type": "data",
-        "array": numbers(None if c.spread is None else c.spread / CM for c, _, _ in pairs),
-        "color": BLUE,
-        "thickness": 1,
-    }
+    points = dots(x, y, "fins", [say_candidate(measure, candidate) for candidate, _, _ in pairs], color=BLUE)
+    spread = numbers(spread_of(measure, c) / factor for c, _, _ in pairs)
+    points["error_y"] = {"type": "data", "array": spread, "color": BLUE, "thickness": 1}
     equal = line(ends, ends, "equal", QUIET, dash="dash", hoverinfo="skip")
-    return figure([equal, points], titled("simulated (cm/s)"), titled("measured (cm/s)"))
+    across, up = (titled(f"{measure.words}, {how} ({unit})") for how in ("simulated", "measured"))
+    return figure([equal, points], across, up)
 
 
 # -- several studies, and runs of a campaign ---------------------------------------------------------------------------
@@ -418,11 +451,10 @@ def progress_of_several(studies: Sequence[tuple[str, Sequence[TrialRecord]]]) ->
     data = []
     for index, (name, trials) in enumerate(studies):
         colour, symbol, dash = _look(index)
-        scores = [(trial.number, trial.score) for trial in trials if trial.score is not None]
-        x, y = _best_so_far(scores, len(trials) - 1)
-        steps = line(x, numbers(y), html.escape(name), colour, shape="hv", dash=dash, mode="lines+markers")
+        x, y = _best_so_far(SPEED, [trial for trial in trials if trial.measured], len(trials) - 1)
+        steps = line(x, y, html.escape(name), colour, shape="hv", dash=dash, mode="lines+markers")
         data.append({**steps, "marker": {"symbol": symbol, "size": 7}})
-    return figure(data, titled("trial"), titled(SPEED_LABEL))
+    return figure(data, titled("trial"), titled(SPEED.axis))
 
 
 def spread_of_several(studies: Sequence[tuple[str, Sequence[Candidate]]]) -> Figure:
@@ -430,11 +462,14 @@ def spread_of_several(studies: Sequence[tuple[str, Sequence[Candidate]]]) -> Fig
     data = []
     for index, (name, scored) in enumerate(studies):
         shown = [scored[place] for place in some_of(len(scored))]
-        box = {"type": "box", "name": html.escape(name), "y": numbers((c.score or 0.0) / CM for c in shown)}
+        box = {"type": "box", "name": html.escape(name), "y": [value_of(SPEED, c) for c in shown]}
         points = {"boxpoints": "all", "jitter": 0.5, "pointpos": -1.6, "marker": {"size": 4, "color": _look(index)[0]}}
-        told = {"text": [html.escape(say_candidate(c)) for c in shown], "hovertemplate": "%{text}<extra></extra>"}
+        told = {
+            "text": [html.escape(say_candidate(SPEED, c)) for c in shown],
+            "hovertemplate": "%{text}<extra></extra>",
+        }
         data.append({**box, **points, **told, "hoveron": "points", "showlegend": False})
-    return figure(data, {"type": "category"}, titled(SPEED_LABEL))
+    return figure(data, {"type": "category"}, titled(SPEED.axis))
 
 
 def over_of_several(parameter: str, studies: Sequence[tuple[int, str, Space, Sequence[Candidate]]]) -> Figure:
@@ -452,10 +487,10 @@ def over_of_several(parameter: str, studies: Sequence[tuple[int, str, Space, Seq
             axis = titled(axis_label(dimension), type="category")
         elif axis is None:
             axis = titled(axis_label(dimension), type="log" if dimension.log else "linear")
-        told = [f"{name}, {say_candidate(candidate)}" for candidate in shown]
-        y = numbers((candidate.score or 0.0) / CM for candidate in shown)
+        told = [f"{name}, {say_candidate(SPEED, candidate)}" for candidate in shown]
+        y = [value_of(SPEED, candidate) for candidate in shown]
         data.append(dots(x, y, html.escape(name), told, color=colour, symbol=symbol))
-    return figure(data, axis or {}, titled(SPEED_LABEL))
+    return figure(data, axis or {}, titled(SPEED.axis))
 
 
 def ranges(curves: Sequence[tuple[str, list[int], list[float], list[float], list[float]]]) -> Figure:
@@ -481,7 +516,7 @@ def curves_and_points(
     for index, (name, x, y) in enumerate(points, start=len(curves)):
         colour, symbol, _ = _look(index)
         data.append(dots(numbers(x.tolist()), numbers(y.tolist()), html.escape(name), color=colour, symbol=symbol))
-    return figure(data, titled(across), titled(SPEED_LABEL))
+    return figure(data, titled(across), titled(SPEED.axis))
 
 
 def map_and_points(

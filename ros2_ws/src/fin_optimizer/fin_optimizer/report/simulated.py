@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study.simulated_curve import values_along
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.search.space import Scalar, Space
     from fin_sim.swim_result import Swim
 
@@ -82,30 +84,30 @@ def key_of(*decides: object) -> str:
 
 @dataclass(frozen=True)
 class Curve:
-    """The simulator's speed over one parameter, all else as the best has it.
+    """What the simulator says over one parameter, all else as the best has it.
 
     Attributes:
         values: Of the parameter.
-        speeds: m/s, NaN where a candidate cannot be.
+        found: What is looked for in SI, NaN where a candidate cannot be.
     """
 
     values: Sequence[Scalar]
-    speeds: Sequence[float]
+    found: Sequence[float]
 
 
 @dataclass(frozen=True)
 class Map:
-    """The simulator's speed over two parameters, all else as the best has it.
+    """What the simulator says over two parameters, all else as the best has it.
 
     Attributes:
         across: Values of the first parameter.
         up: Values of the second one.
-        speeds: m/s, a row a value of the second one.
+        found: What is looked for in SI, a row a value of the second one.
     """
 
     across: Sequence[Scalar]
     up: Sequence[Scalar]
-    speeds: Sequence[Sequence[float]]
+    found: Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -115,10 +117,11 @@ class Simulated:
     Attributes:
         curves: By parameter.
         map: Where two parameters are ranges and no more are searched, None otherwise.
-        again: Speeds of candidates that have a score, m/s, by the candidate's number.
+        again: The measure of candidates that have a score, in SI, by the candidate's number.
         film: Of the best candidate, see `film_of`; None if it cannot be swum.
         numbers: Of its swim: name and value in a laboratory's unit.
         is_the_plant: Whether the simulator swam the trials too.
+        measure: What ``again`` is, and the curves and the map where there are any.
         trouble: Why it cannot swim the best candidate.
     """
 
@@ -128,6 +131,7 @@ class Simulated:
     film: Mapping[str, Any] | None
     numbers: Sequence[tuple[str, str]]
     is_the_plant: bool
+    measure: Measure = MEASURES[MEAN_SPEED]
     trouble: str = ""
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, cast
 
 import scipy
 
+from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.report.film import film_of
 from fin_optimizer.report.simulated import (
     KeptSpeeds,
@@ -20,7 +21,7 @@ from fin_optimizer.report.simulated import (
     to_swim_again,
 )
 from fin_optimizer.study.candidate import best_of, candidates
-from fin_optimizer.study.simulated_curve import SimulatedFish
+from fin_optimizer.study.simulated_curve import TOLD, SimulatedFish
 from fin_optimizer.trial.result import Outcome
 from fin_plant.fin import node_table
 
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.study.candidate import Candidate, TrialRecord
     from fin_optimizer.study.settings import Settings
     from fin_plant.parameters import Value
@@ -74,8 +76,13 @@ class StudyFacts:
 
     @cached_property
     def best(self) -> Candidate | None:
-        """The fastest."""
+        """The best by the first goal, of those that meet the constraints if any does."""
         return best_of(self.tried)
+
+    @property
+    def goal(self) -> Measure:
+        """What is looked for first."""
+        return self.settings.goals.measures[0]
 
     @cached_property
     def without_score(self) -> list[TrialRecord]:
@@ -85,11 +92,12 @@ class StudyFacts:
 
     @cached_property
     def pairs(self) -> list[tuple[Candidate, float, float]]:
-        """Candidates with their speeds as simulated and as measured, m/s."""
+        """Candidates with what is compared, as simulated and as measured, in SI."""
         if self.simulated is None:
             return []
         again = self.simulated.again
-        found = [(c, again.get(c.number, math.nan), cast("float", c.score)) for c in self.scored]
+        name = self.simulated.measure.name
+        found = [(c, again.get(c.number, math.nan), c.measured[name]) for c in self.scored]
         return [pair for pair in found if math.isfinite(pair[1])]
 
     @cached_property
@@ -129,16 +137,18 @@ def simulate(
     try:
         swum = swimmer.swim(best.values)
     except (ArithmeticError, ValueError) as error:
-        return Simulated({}, None, {}, None, (), swum_by is not None, str(error))
-    key = key_of(settings.flat(), swimmer.parameters, versions)
-    speeds = KeptSpeeds(swimmer.speeds, key)
+        return Simulated({}, None, {}, None, (), swum_by is not None, trouble=str(error))
+    goal = settings.goals.measures[0]
+    measure = goal if goal.name in TOLD else MEASURES[MEAN_SPEED]
+    key = key_of(settings.flat(), swimmer.parameters, versions, measure.name)
+    speeds = KeptSpeeds(partial(swimmer.told, measure.name), key)
     if cache is not None:
         speeds.read(cache)
     curves, chart = {}, None
-    if swum_by is not None:
+    if swum_by is not None and measure is goal:
         curves = curves_through(settings.space, best.values, speeds)
         chart = map_of(settings.space, best.values, speeds)
-    scores = {c.number: c.score for c in tried if c.score is not None}
+    scores = {c.number: measure.direction * c.measured[measure.name] for c in tried if c.measured}
     values = {c.number: c.values for c in tried}
     chosen = to_swim_again(scores)
     again = dict(zip(chosen, speeds([values[number] for number in chosen]), strict=True))
@@ -146,4 +156,4 @@ def simulate(
         speeds.write(cache)
     number = cast("Mapping[str, float]", swimmer.parameters)
     film = film_of(swum, (number["body.length"], number["body.width"]))
-    return Simulated(curves, chart, again, film, numbers_of(swum, swimmer.settle), swum_by is not None)
+    return Simulated(curves, chart, again, film, numbers_of(swum, swimmer.settle), swum_by is not None, measure)

@@ -13,7 +13,7 @@ from fin_optimizer.study.candidate import front, rank
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.report import varied
 from fin_optimizer.trial.result import Outcome
-from fin_optimizer.words import CM, in_words, show_number, show_speed, show_values, with_unit
+from fin_optimizer.words import CM, in_words, show_number, show_values, with_unit
 from fin_plant.checks import counted
 from fin_plant.fin import node_table
 
@@ -54,14 +54,11 @@ def lead(facts: StudyFacts) -> list[str]:
     best = facts.best
     if not facts.trials:
         return ["No trial was begun yet."]
-    if best is None or best.score is None:
+    if best is None:
         return [f"No trial has a score yet, of {counted(len(facts.trials), 'trial')}."]
-    said = f"The best of {counted(len(facts.scored), 'fin')}: {show_values(best.values)} swims {show_speed(best.score)}"
-    if best.spread is not None:
-        swims = sum(trial.score is not None for trial in best.trials)
-        said += f", with a standard deviation of {best.spread / CM:.2g} cm/s between {swims} swims"
-    sentences = [f"{said}."]
-    others = [MEASURES[name].told(value) for name, value in best.measured.items() if name != MEAN_SPEED]
+    said = f"The best of {counted(len(facts.scored), 'fin')}: {show_values(best.values)}, {_told(facts.goal, best)}."
+    sentences = [said]
+    others = [MEASURES[name].told(value) for name, value in best.measured.items() if name != facts.goal.name]
     if others:
         sentences.append(f"Of it was measured: {', '.join(others)}.")
     if best.missed:
@@ -69,11 +66,25 @@ def lead(facts: StudyFacts) -> list[str]:
     return sentences
 
 
+def _told(goal: Measure, candidate: Candidate) -> str:
+    """Return how good a candidate is, with the standard deviation between its swims if it has several."""
+    swims = sum(bool(trial.measured) for trial in candidate.trials)
+    told = goal.told(candidate.measured[goal.name])
+    if swims == 1:
+        return told
+    unit, factor = goal.shown_in
+    spread = f"{figures.spread_of(goal, candidate) / factor:.2g} {unit}".rstrip()
+    return f"{told} with a standard deviation of {spread} between {swims} swims"
+
+
 def _seen_first(facts: StudyFacts) -> list[tuple[str, str]]:
     outcomes = Counter(trial.outcome for trial in facts.trials)
     seen = []
-    if facts.best is not None and facts.best.score is not None:
-        seen.append(("best speed", show_speed(facts.best.score)))
+    if facts.best is not None:
+        seen += [
+            (f"best: {goal.words}", goal.shown(facts.best.measured[goal.name]))
+            for goal in facts.settings.goals.measures
+        ]
     seen += [
         ("fins", str(len(facts.tried))),
         ("trials", str(len(facts.trials))),
@@ -92,21 +103,25 @@ def _progress(facts: StudyFacts) -> Section:
     if not facts.trials:
         return Section("progress", "Progress", ["There is nothing to show yet: begin with the first trial."])
     algorithm = facts.settings.details.get("search.algorithm")
-    said = "Each trial's speed, and the best so far." + (f" The search is {algorithm}." if algorithm else "")
+    said = f"The {facts.goal.words} of each trial, and the best so far."
+    said += f" The search is {algorithm}." if algorithm else ""
     if facts.best is None:
         said = "No trial has a score; the marks at the bottom are trials without one."
-    plot = Plot(figures.progress(facts.trials, facts.best), said)
+    plot = Plot(figures.progress(facts.goal, facts.trials, facts.best), said)
     return Section("progress", "Progress of the search", (), [plot])
 
 
 def _searched(facts: StudyFacts, best: Candidate) -> Section:
-    space, simulated = facts.settings.space, facts.simulated
+    space, simulated, goal = facts.settings.space, facts.simulated, facts.goal
     curves = simulated.curves if simulated is not None else {}
     if curves:
         said = (
             "Behind the fins is what the simulator swims with all else as the best fin has it; where there is a gap, "
         )
         said += "no fin can be, by the study's conditions or the plant's ranges."
+    elif simulated is not None and simulated.is_the_plant:
+        said = f"The simulator's landscape is not drawn: of {goal.words} many swims at once tell nothing."
+        said = simulated.trouble or said
     elif simulated is not None:
         said = "No simulated fish swam this study, so there is no landscape of the simulator behind the fins."
     else:
@@ -117,21 +132,21 @@ def _searched(facts: StudyFacts, best: Candidate) -> Section:
         mapped = simulated.map if simulated is not None else None
         what = "The first two parameters" if len(space.dimensions) > _MAY_REPEAT else "Both parameters"
         behind = "; behind the fins what the simulator swims" if mapped is not None else ""
-        plot = figures.chart(space, facts.scored, best, mapped)
-        blocks.append(Plot(plot, f"{what}, the speed as colour{behind}.", 440))
+        plot = figures.chart(goal, space, facts.scored, best, mapped)
+        blocks.append(Plot(plot, f"{what}, {goal.words} as colour{behind}.", 440))
     for dimension in space.dimensions:
         curve = curves.get(dimension.name)
-        plot = figures.over(dimension, facts.scored, best, curve)
-        blocks.append(Plot(plot, f"Speed over {in_words(dimension.name)[0]}.", 360, is_half=several))
+        plot = figures.over(goal, dimension, facts.scored, best, curve)
+        blocks.append(
+            Plot(plot, f"{goal.words.capitalize()} over {in_words(dimension.name)[0]}.", 360, is_half=several)
+        )
     if several:
         shown = min(len(facts.scored), figures.LINES)
-        blocks.append(
-            Plot(
-                figures.parallel(space, facts.scored), f"Each line is a fin, {shown} of them; what stands out is fast."
-            )
-        )
+        told = f"Each line is a fin, {shown} of them; what stands out is good."
+        blocks.append(Plot(figures.parallel(goal, space, facts.scored, best), told))
         some = [facts.scored[place] for place in figures.some_of(len(facts.scored))]
-        shares = importances(space, [c.values for c in some], [c.score or 0.0 for c in some])
+        good = [goal.direction * c.measured[goal.name] for c in some]
+        shares = importances(space, [c.values for c in some], good)
         if shares:
             told = "Which parameter decides: how far the best tenth of the fins differs from all in each (PED-ANOVA)."
             blocks.append(Plot(figures.importance(shares), told, 120 + 40 * len(shares)))
@@ -142,7 +157,7 @@ def _searched(facts: StudyFacts, best: Candidate) -> Section:
         if len(goals) > len(goals[:2]):
             told = f"The Pareto front of {', '.join(goal.words for goal in goals)}; here the first two of them."
         blocks.append(Plot(figures.front(facts.tried, chosen, goals[:2]), told))
-    return Section("searched", "Speed over what was searched", [said], blocks)
+    return Section("searched", f"{goal.words.capitalize()} over what was searched", [said], blocks)
 
 
 def _repeats(facts: StudyFacts) -> Section:
@@ -157,13 +172,14 @@ def _repeats(facts: StudyFacts) -> Section:
             )
         return Section("repeats", "Repeats", [said])
     some = sorted(repeated, key=rank, reverse=True)[:_REPEATED]
-    spreads = sorted(candidate.spread or 0.0 for candidate in repeated)
+    unit, factor = facts.goal.shown_in
+    spreads = sorted(figures.spread_of(facts.goal, candidate) / factor for candidate in repeated)
     said = (
         f"{counted(len(repeated), 'fin')} swam more than once; the standard deviation between the swims of a fin is "
-        f"{spreads[len(spreads) // 2] / CM:.2g} cm/s (median), at most {spreads[-1] / CM:.2g} cm/s."
+        f"{spreads[len(spreads) // 2]:.2g} {unit} (median), at most {spreads[-1]:.2g} {unit}."
     )
-    of = f"The {len(some)} fastest of them" if len(some) < len(repeated) else "All of them"
-    return Section("repeats", "Repeats", [said], [Plot(figures.repeats(some), f"{of}, the fastest first.")])
+    of = f"The {len(some)} best of them" if len(some) < len(repeated) else "All of them"
+    return Section("repeats", "Repeats", [said], [Plot(figures.repeats(facts.goal, some), f"{of}, the best first.")])
 
 
 def _best_fin(facts: StudyFacts) -> Section | None:
@@ -195,7 +211,10 @@ def _against(facts: StudyFacts) -> Section | None:
         if correlation is not None
         else "There are too few fins that differ for a rank correlation."
     )
-    plot = Plot(figures.against(facts.pairs), "On the dashed line both are equal; bars are one standard deviation.")
+    plot = Plot(
+        figures.against(facts.simulated.measure, facts.pairs),
+        "On the dashed line both are equal; bars are one standard deviation.",
+    )
     return Section("measured", "Simulated against measured", [said, found], [plot])
 
 
@@ -209,7 +228,7 @@ def _measured(of: Measure, value: float | None) -> Cell:
 def _trials(facts: StudyFacts) -> Section | None:
     if not facts.trials:
         return None
-    chosen = _chosen(facts.trials)
+    chosen = _chosen(facts)
     names = varied(facts.settings, [trial.values for trial in chosen])
     columns = [Column("trial"), Column("fin"), *(_column(name) for name in names), Column("outcome", is_number=False)]
     columns += [Column("speed", "cm/s"), Column("± within", "cm/s", is_minor=True)]
@@ -237,17 +256,19 @@ def _trials(facts: StudyFacts) -> Section | None:
     note = ""
     if len(chosen) < len(facts.trials):
         note = (
-            f"The {len(chosen)} fastest of {len(facts.trials)} trials; all of them stand in trials.csv, which "
+            f"The {len(chosen)} best of {len(facts.trials)} trials; all of them stand in trials.csv, which "
             "`export` of fin_optimizer writes too."
         )
     return Section("trials", "Trials", (), [Table(columns, rows, note, marked)])
 
 
-def _chosen(trials: Sequence[TrialRecord]) -> list[TrialRecord]:
-    """Return the trials that the table holds: all, or of many the fastest, as they were begun."""
-    if len(trials) <= _ROWS:
-        return list(trials)
-    return sorted(trials, key=lambda t: (t.score is None, -(t.score or 0.0), t.number))[:_ROWS]
+def _chosen(facts: StudyFacts) -> list[TrialRecord]:
+    """Return the trials that the table holds: all as they were begun, or of many the best."""
+    if len(facts.trials) <= _ROWS:
+        return list(facts.trials)
+    goal = facts.goal
+    good = {t.number: goal.direction * t.measured[goal.name] for t in facts.trials if t.measured}
+    return sorted(facts.trials, key=lambda t: (t.number not in good, -good.get(t.number, 0.0), t.number))[:_ROWS]
 
 
 def _column(name: str) -> Column:

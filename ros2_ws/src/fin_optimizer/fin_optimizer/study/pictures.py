@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from fin_optimizer.gait_parameters import describe_gait, gait_from_parameters
+from fin_optimizer.goals import LESS
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study import drawing, space_drawing
 from fin_optimizer.study.candidate import best_of, candidates, front
 from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.report import varied
-from fin_optimizer.study.simulated_curve import SimulatedFish, values_along
-from fin_optimizer.words import CM
+from fin_optimizer.study.simulated_curve import TOLD, SimulatedFish, values_along
 from fin_plant.figures import try_to_draw
 from fin_plant.fin import AREA, Fin
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.search.space import Space
     from fin_optimizer.study.candidate import Candidate, TrialRecord
     from fin_optimizer.study.settings import Settings
@@ -76,21 +78,22 @@ def _of_several(
     """Return the pictures of a space of several parameters, each with what draws it."""
     arrays, heading = as_arrays(settings, tried), title(settings, tried)
     slices, parallel, importance = (_beside(path, name) for name in (SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE))
-    best = best_of(tried)
+    best, goal = best_of(tried), settings.goals.measures[0]
     simulated = SimulatedFish.of(settings, fish)
 
     def draw_slices() -> None:
         curves = None
-        if best is not None and simulated is not None:
-            curves = slices_through(settings.space, best.values, simulated.speeds)
+        if best is not None and simulated is not None and goal.name in TOLD:
+            curves = slices_through(settings.space, best.values, goal, partial(simulated.told, goal.name))
         space_drawing.draw_slices(slices, arrays, simulated=curves, title=heading)
 
     wanted: dict[Path, Callable[[], None]] = {
         slices: draw_slices,
         parallel: lambda: space_drawing.draw_parallel(parallel, arrays, title=heading),
     }
-    scored = [candidate for candidate in tried if candidate.score is not None]
-    shares = importances(settings.space, [c.values for c in scored], [c.score or 0.0 for c in scored])
+    scored = [candidate for candidate in tried if candidate.measured]
+    good = [goal.direction * candidate.measured[goal.name] for candidate in scored]
+    shares = importances(settings.space, [c.values for c in scored], good)
     if shares:
         wanted[importance] = lambda: space_drawing.draw_importance(
             importance, settings.space.dimensions, shares, len(scored)
@@ -99,31 +102,35 @@ def _of_several(
 
 
 def as_arrays(settings: Settings, tried: Sequence[Candidate]) -> space_drawing.Tried:
-    """Return the candidates with a score as arrays, speeds in cm/s."""
-    scored = [candidate for candidate in tried if candidate.score is not None]
+    """Return the candidates with a score as arrays: of the first goal, in the unit of a laboratory."""
+    goal, best = settings.goals.measures[0], best_of(tried)
+    scored = [candidate for candidate in tried if candidate.measured]
     numbers = np.array([settings.space.row(candidate.values) for candidate in scored])
-    speeds = np.array([(candidate.score or 0.0) / CM for candidate in scored])
-    return space_drawing.Tried(settings.space.dimensions, numbers, speeds)
+    found = np.array([candidate.measured[goal.name] for candidate in scored]) / goal.shown_in[1]
+    chosen = None if best is None else scored.index(best)
+    return space_drawing.Tried(settings.space.dimensions, numbers, found, goal.axis, goal.direction == LESS, chosen)
 
 
 def slices_through(
     space: Space,
     best: Mapping[str, Any],
-    speeds: Callable[[Sequence[Mapping[str, Any]]], Sequence[float]],
+    goal: Measure,
+    told: Callable[[Sequence[Mapping[str, Any]]], Sequence[float]],
     points: int = _POINTS,
 ) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Return of each parameter its values in SI, and the speed in cm/s with all others as a candidate has them.
+    """Return of each parameter its values in SI, and a measure in a laboratory's unit, all else as a candidate has it.
 
     Args:
         space: What was searched.
         best: The candidate.
-        speeds: Of candidates in m/s, NaN where one cannot be.
+        goal: The measure.
+        told: Returns it of candidates in SI, NaN where one cannot be.
         points: Of a range; a choice has all of its values.
     """
     curves = {}
     for dimension in space.dimensions:
         values = values_along(dimension, points)
-        swum = np.array(speeds([{**best, dimension.name: value} for value in values])) / CM
+        swum = np.array(told([{**best, dimension.name: value} for value in values])) / goal.shown_in[1]
         curves[dimension.name] = (np.array([dimension.number(value) for value in values]), swum)
     return curves
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, cast
 
 import numpy as np
 
+from fin_optimizer.goals import ENERGY_PER_METRE, MEAN_SPEED
 from fin_optimizer.search.rules import gait_of
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study.settings import earlier, sent_parameters
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 
 _OF_A_COMPUTED_FISH = {"body.length", "water.density", "sample_rate"}
 _GAIT = {"gait.frequency", "gait.amplitude"}
+POWER = "power"
+TOLD = frozenset({MEAN_SPEED, POWER, ENERGY_PER_METRE})
+"""Measures that many simulated swims at once tell as a trial does: means over the whole window."""
 SETTLE, DURATION = "measurement.settle", "measurement.duration"
 
 
@@ -124,7 +128,11 @@ class SimulatedFish:
         return float(np.trapezoid(swum.surge[counted], swum.time[counted]) / self.duration)
 
     def speeds(self, some: Sequence[Mapping[str, Any]]) -> list[float]:
-        """Return the speeds of many candidates as `speed`, to 1e-3 the same and many times as fast.
+        """Return speeds as `speed`, to 1e-3 the same and many times as fast; raises as `told`."""
+        return self.told(MEAN_SPEED, some)
+
+    def told(self, measure: str, some: Sequence[Mapping[str, Any]]) -> list[float]:
+        """Return a measure of `TOLD` of many candidates in SI, NaN of those that have none.
 
         Raises:
             ValueError: The fish has another number of driven joints than the gaits.
@@ -140,7 +148,7 @@ class SimulatedFish:
             except (ArithmeticError, ValueError):
                 continue
             able.append((index, fin, gait.limited(number["limits.sweep"], number["limits.frequency"])))
-        speeds = [math.nan] * len(some)
+        found = [math.nan] * len(some)
         if able:
             swum = swim_batch(
                 [fin for _, fin, _ in able],
@@ -151,9 +159,16 @@ class SimulatedFish:
                 ramp_time=number["drive.ramp_time"],
                 settle=self.settle,
             )
-            for (index, _, _), speed in zip(able, swum.mean_forward_speed.tolist(), strict=True):
-                speeds[index] = speed
-        return speeds
+            speed, power = swum.mean_forward_speed, swum.servo_power
+            with np.errstate(all="ignore"):
+                values = {
+                    MEAN_SPEED: speed,
+                    POWER: power,
+                    ENERGY_PER_METRE: np.where(speed > 0.0, power / speed, np.nan),
+                }
+            for (index, _, _), value in zip(able, values[measure].tolist(), strict=True):
+                found[index] = value
+        return found
 
 
 def values_along(dimension: AnyDimension, points: int) -> list[Scalar]:

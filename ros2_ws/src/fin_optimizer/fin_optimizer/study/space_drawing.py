@@ -44,6 +44,7 @@ class Tried:
         scores: Shape (candidates,), finite, in the unit of ``label``; more is better unless ``least``.
         label: What the score is, with its unit.
         least: Whether less is better.
+        chosen: Place of the best one, where that is not simply the one with the best score: constraints count too.
     """
 
     dimensions: tuple[AnyDimension, ...]
@@ -51,6 +52,7 @@ class Tried:
     scores: Array
     label: str = "mean forward speed (cm/s)"
     least: bool = False
+    chosen: int | None = None
 
     @property
     def order(self) -> NDArray[np.intp]:
@@ -60,6 +62,8 @@ class Tried:
     @property
     def best(self) -> int:
         """Place of the best one, of equals the first."""
+        if self.chosen is not None:
+            return self.chosen
         return int(np.argmin(self.scores) if self.least else np.argmax(self.scores))
 
     def shown(self, place: int) -> Array:
