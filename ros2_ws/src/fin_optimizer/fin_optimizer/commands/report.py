@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import sys
 from dataclasses import fields, replace
@@ -22,7 +23,6 @@ from fin_plant.paths import given_path
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from fin_optimizer.paper.experiments import Campaign
     from fin_optimizer.report.parts import Page
     from fin_optimizer.report.study_facts import StudyFacts
     from fin_optimizer.study.candidate import TrialRecord
@@ -86,37 +86,46 @@ def _page(folders: Sequence[Path], target: Path) -> Page:
 
         return comparison_page([study_facts(folder, beside=target.parent, simulated=False) for folder in folders])
     (folder,) = folders
-    campaign = _campaign(folder)
-    if campaign is not None:
-        from fin_optimizer.paper.campaign import finished  # noqa: PLC0415
-        from fin_optimizer.paper.experiments import planned_runs  # noqa: PLC0415
-        from fin_optimizer.report.campaign_page import campaign_page  # noqa: PLC0415
-
-        return campaign_page(folder.resolve().name, campaign, finished(folder, planned_runs(campaign)), provenance())
+    if (folder / "runs").is_dir() and not (folder / JOURNAL_FILE).exists():
+        return _campaign_page(folder)
     from fin_optimizer.report.study_page import study_page  # noqa: PLC0415
 
     return study_page(study_facts(folder, beside=target.parent))
 
 
-def _campaign(folder: Path) -> Campaign | None:
-    """Return the campaign whose folder this is, None if it is another's.
+def _campaign_page(folder: Path) -> Page:
+    """Return the page of a campaign.
 
     Raises:
-        ValueError: A campaign of another version.
+        ValueError: A campaign that cannot be read.
     """
-    if not (folder / "runs").is_dir() or (folder / JOURNAL_FILE).exists():
-        return None
-    from fin_optimizer.paper.experiments import Campaign  # noqa: PLC0415
+    from fin_optimizer.paper.campaign import finished  # noqa: PLC0415
+    from fin_optimizer.paper.experiments import Campaign, planned_runs  # noqa: PLC0415
+    from fin_optimizer.paper.space_campaign import SpaceCampaign  # noqa: PLC0415
+    from fin_optimizer.report.campaign_page import campaign_page  # noqa: PLC0415
+    from fin_optimizer.report.space_campaign_page import space_campaign_page  # noqa: PLC0415
 
+    name = folder.resolve().name
     try:
-        content = dict(json_file.parse((folder / SETTINGS_FILE).read_text(encoding="utf-8")))  # type: ignore[call-overload]
-        known = {each.name for each in fields(Campaign)}  # an older one lacks some, which it had by default
-        given = {name: value for name, value in content.items() if name in known}
-        settings: dict[str, Any] = {n: tuple(v) if isinstance(v, list) else v for n, v in given.items()}
-        return Campaign(**settings)
-    except (OSError, LookupError, TypeError, ValueError) as error:
+        content: Any = json_file.parse((folder / SETTINGS_FILE).read_text(encoding="utf-8"))
+        kind = SpaceCampaign if "space" in content else Campaign
+        known = {each.name for each in fields(kind)}  # an older one lacks some, which it had by default
+        given = {each: _tuples(content[each]) for each in content.keys() & known}
+        if "space" in given:
+            given["space"] = json.dumps(content["space"])
+            given["fish"] = next(iter(content["fish"]))  # by its name
+        campaign = kind(**given)
+    except (AttributeError, OSError, LookupError, TypeError, ValueError) as error:
         msg = f"{folder} holds runs of a campaign, but its {SETTINGS_FILE} cannot be read ({error})"
         raise ValueError(msg) from error
+    if isinstance(campaign, SpaceCampaign):
+        return space_campaign_page(name, campaign, finished(folder, campaign.planned()), provenance())
+    return campaign_page(name, campaign, finished(folder, planned_runs(campaign)), provenance())
+
+
+def _tuples(value: Any) -> Any:
+    """Return what JSON has as lists as tuples, which settings are."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def write_report(folders: Sequence[Path], output: Path | None = None) -> Path:

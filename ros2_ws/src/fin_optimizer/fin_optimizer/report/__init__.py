@@ -5,6 +5,7 @@ simulated       what the simulator says of the same candidates, kept beside the 
 film            a swim as a drawing that moves
 study_page      the page of a study
 campaign_page   the page of a campaign
+space_campaign_page  of one over the space of a file
 comparison_page the page of several studies
 figures         plots, as plotly's data
 parts           what a page is made of
