@@ -8,12 +8,14 @@ import numpy as np
 
 from fin_optimizer.goals import LESS
 from fin_optimizer.paper.files import write_whole
+from fin_optimizer.search import names
 from fin_optimizer.search.pareto import ranks
 from fin_optimizer.study.file_names import FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.space_drawing import Tried, draw_importance, draw_parallel, draw_slices
 from fin_optimizer.words import show_values
 from fin_plant.figures import empty_figure, own_style, try_to_draw
+from fin_plant.fin import Fin, ProfiledFin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from fin_optimizer.paper.space_campaign import SpaceCampaign, SpaceRun, Table
 
 REPORT = "report.md"
-_HISTORY = "history.png"
+_HISTORY, _OUTLINE = "history.png", "outline.png"
 _MOST = 20_000
 """Candidates at most of which pictures are drawn: the best ones and others evenly chosen, for drawing keeps objects."""
 _PART = 1000
@@ -169,6 +171,8 @@ def _pictures(
     if len(good) > 1:
         wanted[folder / FRONT_FILE] = lambda: _draw_front(folder / FRONT_FILE, campaign, columns)
     wanted[folder / _HISTORY] = lambda: _draw_history(folder / _HISTORY, campaign, tables)
+    if any(names.height_place(name) is not None for name in space.names):
+        wanted[folder / _OUTLINE] = lambda: _draw_outline(folder / _OUTLINE, campaign, tables)
     if len(space.dimensions) > 1:
         known = np.flatnonzero(np.isfinite(good[0]))
         order = known[np.argsort(good[0, known], kind="stable")]
@@ -216,6 +220,33 @@ def _draw_front(path: Path, campaign: SpaceCampaign, columns: Mapping[str, NDArr
     axes.spines[["top", "right"]].set_visible(False)
     axes.grid(alpha=0.25)
     axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path)
+
+
+@own_style()
+def _draw_outline(path: Path, campaign: SpaceCampaign, tables: Sequence[Table]) -> None:
+    """Draw the best fin of each run as it is seen from the side, the fastest of all filled."""
+    figure = empty_figure(6.4, 3.0)
+    axes = figure.add_subplot()
+    goal, start = campaign.wanted.measures[0], campaign.start
+    places = [(table, best_place(campaign, table)) for table in tables]
+    found = [(table, place) for table, place in places if place is not None]
+    first = max(found, key=lambda each: objectives(campaign, each[0])[0, each[1]])
+    for table, place in found:
+        fin = Fin.from_parameters(start.rules.sent(start.start, _values(campaign, table, place)))
+        inner = fin.profile_position if isinstance(fin, ProfiledFin) else ()
+        at = 100.0 * fin.length * np.array([0.0, *inner, 1.0])
+        half = 50.0 * np.array(fin.heights)
+        if table is first[0]:
+            label = f"the best: {goal.shown(float(table[goal.name][place]))}, {1e3 * fin.thickness:.3g} mm thick"
+            axes.fill_between(at, -half, half, color="tab:blue", alpha=0.25, lw=0)
+            axes.plot([*at, *at[::-1]], [*half, *-half[::-1]], color="tab:blue", label=label)
+        else:
+            axes.plot([*at, *at[::-1]], [*half, *-half[::-1]], color="0.6", lw=0.8)
+    axes.set(xlabel="behind the fin's root (cm)", ylabel="height (cm)", aspect="equal")
+    axes.set_title(f"{campaign.algorithm}: best fins of {len(found)} runs")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=8, loc="center")
     figure.savefig(path)
 
 
