@@ -386,7 +386,7 @@ LATER: dict[str, tuple[str, dict[str, Any]]] = {
             "settle": 5.0,
         },
     ),
-    "profile": ("twenty_heights.yaml", {"algorithm": "cma_es", "runs": 5, "swims": 10_000, "population": 50, **_FINE}),
+    "profile": ("twenty_heights.yaml", {"algorithm": "cma_es", "runs": 3, "swims": 3_000, "population": 30, **_FINE}),
     "rectangle": ("rectangle.yaml", {"algorithm": "cma_es", "runs": 5, "swims": 1_000, "population": 20, **_FINE}),
 }
 """Experiments of later papers and of this project, over spaces of ``config``: file, and what is not the default."""
