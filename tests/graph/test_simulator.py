@@ -15,7 +15,7 @@ from fin_plant import topics
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
-from fin_plant.plant_state import EMERGENCY, State
+from fin_plant.plant_state import EMERGENCY, SERVO_TORQUE, TELLS, State
 from fin_sim import simulator as simulator_node
 from fin_sim.fish import Water
 from fin_sim.motor import Motor
@@ -317,6 +317,30 @@ WILD_FISH = (
     "body.mass:=0.001",
     "body.inertia:=1.0e-6",
 )
+
+
+IN_THE_PLANE = (
+    "water.preset:=bht",
+    "fin.segments:=3",
+    "fin.hinges:=between",
+    "fin.thickness:=2.08e-4",
+    "speed:=0.0",
+)
+
+
+def test_in_a_plane_ideal_flow_the_fish_swims_and_a_fold_beyond_its_table_is_a_fault(
+    start: Callable[..., Any], client: PlantTester
+) -> None:
+    start_simulator(start, *IN_THE_PLANE, "fin.young_modulus:=3.0e9", "fin.damping_time:=0.1")
+    assert client.wait_for_state(State.READY).details[TELLS] == SERVO_TORQUE
+    since = client.swim(PAPER_GAIT, 3.0)
+    poses = [pose for pose in client.received(topics.POSE) if nanoseconds_of(pose.header.stamp) >= since]
+    assert max(abs(pose.pose.position.x) for pose in poses) > 1e-4
+    client.stop_swimming()
+    assert client.set_parameters({"fin.young_modulus": 1.33e9, "fin.damping_time": 0.0}).successful
+    client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
+    state = client.wait_for_state(State.FAULT)
+    assert "the table of the plane flow holds" in state.reason
 
 
 def test_an_emergency_stop_is_latched_and_only_its_release_leads_on(fish: PlantTester) -> None:

@@ -198,7 +198,8 @@ class Simulator:
         details = {name: as_text(self._values[name]) for name in LIMITS}
         details[DRIVEN_JOINTS] = str(sum(self._stepper.chain.driven))
         details |= {SLOWEST_PACE: as_text(_SLOWEST_PACE), STARTS_AT_REST: "true"}
-        details[TELLS] = f"{SERVO_TORQUE}, {THRUST}"
+        in_plane = self._stepper.chain.water.model == "ideal_2d"  # where the force on the tail is not worked out
+        details[TELLS] = SERVO_TORQUE if in_plane else f"{SERVO_TORQUE}, {THRUST}"
         if self._stopped:
             details["waiting_for"] = RELEASE
         reason = "; ".join(filter(None, (self._reason, self._parameters.awaited)))
@@ -315,7 +316,7 @@ class Simulator:
             return
         try:
             states, records = self._swim(samples)
-        except dynamics.StepError as error:
+        except (dynamics.StepError, validity.FoldedError) as error:
             self._rest()
             self._set_state(State.FAULT, f"{error}; call ~/request_reset")
             self.node.get_logger().error(self._reason)
@@ -338,12 +339,17 @@ class Simulator:
 
         Raises:
             StepError: The shortest one failed too.
+            FoldedError: A joint folded further than its water knows.
         """
         start, servos = self._fish_state.copy(), self._tail.state
         while True:
             try:
                 times = self._stepper.half_step_times(samples, self._samples)
                 return self._stepper.advance(self._fish_state, self._tail.motion(times))
+            except validity.FoldedError as error:  # of the plane flow, whose table ends
+                if isinstance(getattr(error, "time", None), float):
+                    error.time += self._fish_time  # type: ignore[attr-defined]
+                raise
             except dynamics.StepError as error:
                 if self._refinements == _MOST_REFINEMENTS:
                     raise dynamics.StepError(self._fish_time + error.time) from error

@@ -71,7 +71,7 @@ def swim_in_plane(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> tuple[
             fine = _figures(task, gait, fin, steps)
         except FoldError as error:
             coarse[:], status = np.nan, Status.BEYOND_TABLE
-            coarse[LARGEST_ANGLE] = error.angle
+            coarse[LARGEST_ANGLE] = abs(error.angle)
             break
         except StepError:
             fine = np.full(len(FIGURES), np.nan)

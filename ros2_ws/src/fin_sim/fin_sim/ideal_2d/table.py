@@ -34,12 +34,22 @@ class FoldError(FoldedError):
     """A joint went beyond the angles that its table holds.
 
     Attributes:
-        angle: To which, rad.
+        joint: Which, from 0.
+        angle: To which angle, rad.
+        reach: Largest angle of the table, rad.
+        time: When, s since the start of what was advanced; None of a pose alone.
     """
 
-    def __init__(self, message: str, angle: float) -> None:
-        super().__init__(message)
-        self.angle = angle
+    def __init__(self, joint: int, angle: float, reach: float, time: float | None) -> None:
+        super().__init__()
+        self.joint, self.angle, self.reach, self.time = joint, angle, reach, time
+
+    def __str__(self) -> str:
+        when = "" if self.time is None else f" at t = {self.time:.3g} s"
+        return (
+            f"joint {self.joint + 1} folds to {self.angle:.3g} rad{when}, the table of the plane flow holds "
+            f"{-self.reach:.3g} to {self.reach:.3g} rad: take a stiffer fin, a slower or smaller beat"
+        )
 
 
 @kernel
@@ -121,12 +131,7 @@ def refuse_fold(angles: NDArray[np.float64], reach: NDArray[np.float64], time: f
     beyond = np.flatnonzero(np.abs(angles) > reach * (1.0 + 1e-9))
     if len(beyond):
         joint = int(beyond[0])
-        when = "" if time is None else f" at t = {time:.3g} s"
-        msg = (
-            f"joint {joint + 1} folds to {angles[joint]:.3g} rad{when}, the table of the plane flow holds "
-            f"{-reach[joint]:.3g} to {reach[joint]:.3g} rad: take a stiffer fin, a slower or smaller beat"
-        )
-        raise FoldError(msg, abs(float(angles[joint])))
+        raise FoldError(joint, float(angles[joint]), float(reach[joint]), time)
 
 
 def tabulate(
