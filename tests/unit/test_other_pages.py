@@ -12,14 +12,17 @@ import pytest
 from fin_optimizer.commands import report
 from fin_optimizer.goals import Goals
 from fin_optimizer.paper.experiments import Campaign, Run
+from fin_optimizer.paper.space_campaign import SpaceCampaign, perform
 from fin_optimizer.report.campaign_page import campaign_page
 from fin_optimizer.report.comparison_page import comparison_page, distinct
 from fin_optimizer.report.page import html_of
-from fin_optimizer.report.parts import Facts, Plot, Table
+from fin_optimizer.report.parts import Facts, Film, Plot, Table
+from fin_optimizer.report.space_campaign_page import space_campaign_page
 from fin_optimizer.report.study_facts import StudyFacts
 from fin_optimizer.report.study_page import study_page
 from fin_optimizer.study.settings import Settings
 from support.report_facts import DETAILS, EMPTY, SPACE, TYPICAL, scored
+from support.source_tree import SOURCE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -118,6 +121,22 @@ def test_a_campaign_has_its_runs_its_best_fin_and_what_has_no_speed() -> None:
     assert "Strouhal number" in dict(numbers.entries)
     assert f"Seed {campaign.seed}" in section(page, "settings").paragraphs[0]
     assert len(html_of(page)) < 5_000_000
+
+
+def test_a_campaign_over_a_space_is_a_page_like_a_studys_with_its_runs() -> None:
+    space = SOURCE / "fin_optimizer/config/drawer_of_sheets.yaml"
+    campaign = SpaceCampaign.of_file(space, algorithm="random", runs=2, swims=6, duration=2.0)
+    results = {run: perform([run])[0] for run in campaign.planned()}
+    page = space_campaign_page("drawer", campaign, results, {"version.numpy": "2"})
+    assert page.lead[-1] == "12 swims of 2 runs."
+    (runs,) = section(page, "runs").blocks
+    assert isinstance(runs, Table)
+    assert [row[0].text for row in runs.rows] == ["random-000", "random-001"]
+    assert sum(isinstance(block, Plot) for block in section(page, "searched").blocks) >= 1 + len(
+        campaign.start.space.names
+    )
+    assert any(isinstance(block, Film) for block in section(page, "best").blocks)
+    assert html_of(page)
 
 
 # -- the command -------------------------------------------------------------------------------------------------------
