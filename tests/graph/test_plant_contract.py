@@ -19,7 +19,7 @@ from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
 from fin_plant.frames import Frames
 from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_from_message, gait_message, nanoseconds_of
-from fin_plant.plant_state import EMERGENCY, RELEASE, State
+from fin_plant.plant_state import EMERGENCY, RELEASE, SERVO_TORQUE, THRUST, State
 from fin_servo_driver.emulator.devices import Firmata
 from support.domains import locked_domain
 from support.plant_tester import GAIT_PERIOD
@@ -205,6 +205,7 @@ def test_the_state_carries_the_fin_and_a_stamp(plant: Plant) -> None:
     assert state.stamp > 0
     # Of a rehearsal the optimiser learns nothing that a robot would not tell.
     assert (state.slowest_pace, state.starts_at_rest) == ((0.01, True) if kind.name == "simulator" else (0.5, False))
+    assert state.tells == frozenset((SERVO_TORQUE, THRUST) if kind.name == "simulator" else ())
 
 
 def test_streams_flow_before_a_swim_at_their_rates_with_frames_and_rising_stamps(plant: Plant) -> None:
