@@ -227,11 +227,22 @@ def test_a_key_stands_for_the_server_the_processes_and_the_question() -> None:
     keys = {
         of_plant(base, "s")[0].key,
         of_plant(base, "another server or graph")[0].key,
-        of_plant(robot(State.WAITING_FOR_RESET, "arming", stamp=2), "s")[0].key,
         of_plant(robot(State.WAITING_FOR_RESET, "mark"), "s")[0].key,
     }
-    assert len(keys) == 4
+    assert len(keys) == 3
     assert of_plant(base, "s") == of_plant(robot(State.WAITING_FOR_RESET, "arming"), "s")
+
+
+def test_the_same_question_asked_anew_has_another_key_and_told_anew_the_same(board: Board) -> None:
+    def key_of(state: PlantState) -> str:
+        board.plant_is(state, 0.0)
+        return board.offers(0.1)[0].key
+
+    mark, ready = robot(State.WAITING_FOR_RESET, "mark"), robot(State.READY)
+    first = key_of(mark)
+    assert key_of(robot(State.WAITING_FOR_RESET, "mark", stamp=2)) == first
+    key_of(ready)
+    assert key_of(mark) != first
 
 
 def test_a_plant_that_is_started_anew_has_other_keys_though_it_says_the_same(board: Board) -> None:

@@ -73,11 +73,11 @@ def next_step(state: PlantState | None, controls: Controls = KEYBOARD) -> tuple[
 def question(state: PlantState | None) -> tuple[str, ...]:
     """Return the action that a state asks for, and after it all that tells this question from every other one.
 
-    The same question asked anew, after another one in between, has another stamp.
+    Its stamp does not: a driver that is asked for the same fin again and again tells the same state anew.
     """
     if state is None:
         return ("", "")
-    return (next_step(state)[1], state.reason, str(state.stamp), *state.details.values())
+    return (next_step(state)[1], state.reason, *state.details.values())
 
 
 def too_new(shown_for: float, controls: Controls = KEYBOARD) -> str:

@@ -17,7 +17,7 @@ from fin_bringup.page.offers import BUTTONS, Offer
 from fin_optimizer.words import show_speed
 from fin_plant.plant_state import PlantState, State
 from fin_servo_driver.fin_instruction import sizes, wanted_fin
-from fin_servo_driver.next_step import SWITCH, next_step
+from fin_servo_driver.next_step import SWITCH, next_step, question
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -108,14 +108,19 @@ class Board:
         self._search: dict[int, float | None] = {}
         self.search_version = 0
         self._heard: float | None = None
-        self._pictures = 0
+        self._pictures = self._questions = 0
 
     # -- what was heard ----------------------------------------------------------------------------------------------
 
     def plant_is(self, state: PlantState, now: float) -> None:
         """Take the plant's word."""
         self._heard = self.plant.said = now
-        self.state, self._pictures = state, 0
+        self.plant.there = True
+        if question(state) != question(self.state):
+            self._questions += 1
+        if self.state is None or state.state is not self.state.state:
+            self._pictures = 0
+        self.state = state
 
     def plant_says(self, now: float) -> None:
         """Take the plant's word in its diagnostics."""
@@ -124,6 +129,7 @@ class Board:
     def study_is(self, values: Mapping[str, str], text: str, now: float) -> None:
         """Take the optimiser's word on the study: its ``progress``, or the same in its diagnostics."""
         self._heard = self.study.said = now
+        self.study.there = True
         if values.get("folder") != self.progress.get("folder"):
             self._search, self.search_version = {}, self.search_version + 1
         self.progress, self._progress_text = dict(values), text
@@ -205,7 +211,7 @@ class Board:
         mode = self.progress.get("mode", "") if self.study.alive(now) else ""
         trials = _number(self.progress.get("trials")) or 0
         return [
-            *offers.of_plant(state, f"{self._session} {self.plant.incarnation}"),
+            *offers.of_plant(state, f"{self._session} {self.plant.incarnation} {self._questions}"),
             *offers.of_study(mode, self.trial, int(trials), f"{self._session} {self.study.incarnation} {self.folder}"),
         ]
 

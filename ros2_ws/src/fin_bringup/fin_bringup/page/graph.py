@@ -57,7 +57,8 @@ _MARKED, _MEASURED = (topics.MARKERS,), (topics.POSE, topics.JOINT_STATES, topic
 _FISH = node_table("fin_sim", SIMULATOR)
 _PEDUNCLE_LINK = 0.04
 """m. A robot does not tell how long its links are; its picture is not to scale."""
-_SERVO_RED, _FIN_RED = 0.35, 0.9
+_FIN_RED = 0.9
+"""Of the colour of a marker that is part of the fin; what a servo moves alone is grey."""
 
 
 class GraphClient:
@@ -380,15 +381,14 @@ class _Streams:
         return came
 
     def _marked(self) -> Shape | None:
+        """Return the fish as its markers show it: links come after the body, before it comes the floor of the tank."""
         markers = self._newest[topics.MARKERS.name].markers
-        pieces = [(marker, _piece(marker.pose, marker.scale.x, marker.scale.y)) for marker in markers]
-        bodies = [piece for marker, piece in pieces if marker.type == Marker.SPHERE]
-        links = [(marker, piece) for marker, piece in pieces if marker.type == Marker.CUBE]
-        if not bodies:
+        body = next((place for place, marker in enumerate(markers) if marker.type == Marker.SPHERE), None)
+        if body is None:
             return None
-        stamp = nanoseconds_of(markers[0].header.stamp)
-        driven = sum(1 for marker, _ in links if marker.color.r < _FIN_RED)
-        return from_pieces(stamp, bodies[0], [piece for _, piece in links], driven)
+        head, *links = (_piece(each.pose, each.scale.x, each.scale.y) for each in markers[body:])
+        driven = sum(1 for marker in markers[body + 1 :] if marker.color.r < _FIN_RED)
+        return from_pieces(nanoseconds_of(markers[body].header.stamp), head, links, driven)
 
     def _measured(self, fin: Any) -> Shape | None:
         pose: PoseStamped | None = self._newest.get(topics.POSE.name)

@@ -70,7 +70,7 @@ def of_plant(state: PlantState | None, session: str) -> list[Offer]:
 
     Args:
         state: What it said last; None where it says nothing now.
-        session: Stands for the page's server and for the processes of the graph.
+        session: Stands for the page's server, for the processes of the graph, and for how often a question came up.
     """
     if state is None:
         return []

@@ -7,6 +7,7 @@ const PATIENCE = 3000; // ms for an attempt
 const CALM = 1100; // ms for which a button is shown before it can be pressed; the server insists on 1000
 const HOLD = 800; // ms for which some buttons are held down
 const STOP_PATIENCE = 1000; // ms for an answer to the emergency stop
+const STOP_AGAIN = 600_000; // ms for which a stop that nobody heard is sent again when the connection is back
 const TRACE = 30_000; // ms of the speed's trace
 const FRAME_AGE = 1000; // ms after which a picture of the fish is old
 
@@ -51,6 +52,14 @@ function connect() {
   };
 }
 
+function drop() {
+  const silent = socket;
+  socket = null;
+  shownKeys = "";
+  silent.close();
+  askWhy();
+}
+
 async function askWhy() {
   try {
     const answer = await fetch("/", { cache: "no-store" });
@@ -68,9 +77,17 @@ function tell(message) {
 
 function take(told) {
   if (told.kind === "hello") {
-    if (session && session !== told.session) location.reload(); // another server: this page is an old one
+    const unheard = press && !press.took && performance.now() - press.at < STOP_AGAIN;
+    if (session && session !== told.session) { // another server: this page is an old one
+      if (unheard) sessionStorage.setItem("stop", "unheard");
+      location.reload();
+      return;
+    }
     session = told.session;
     me = told.you;
+    whyNot = "Nothing comes from the page's server any more.";
+    if (unheard || sessionStorage.getItem("stop")) stop();
+    sessionStorage.removeItem("stop");
     tell({ do: "look", on: !document.hidden });
   } else if (told.kind === "snapshot") {
     snapshot = told;
@@ -100,7 +117,8 @@ const lost = () => !connected() || !snapshot || snapshot.graph.lost;
 setInterval(() => {
   const now = performance.now();
   if (!socket && now - attempt > RETRY) connect();
-  if (socket?.readyState === WebSocket.CONNECTING && now - attempt > PATIENCE) socket.close();
+  // A network that is gone closes no socket: it stays open, and silent.
+  if (socket && now - Math.max(attempt, heardAt) > PATIENCE) drop();
   showLost();
   if (now - frameAt > FRAME_AGE) drawSwim();
   showStop();
@@ -143,7 +161,8 @@ function show() {
   say("study-text", study.known ? study.text + none : "No study is heard.");
   say("study-said", live.study || !study.known ? "" : "last known");
   say("mode", study.mode);
-  say("folder", study.folder);
+  say("folder", study.folder ? `folder ${study.folder.split("/").pop()}` : "");
+  at("folder").title = study.folder;
   at("settled").max = Number(study.wanted) || 1;
   at("settled").value = Number(study.settled) || 0;
   say("trial-text", trial.known ? trial.text : "No trial yet.");
@@ -250,8 +269,8 @@ function showStop() {
     press.took = `on this screen ${Math.round(performance.now() - press.at)} ms after the touch`;
   }
   let text = "";
-  if (press && !press.sent) {
-    text = "NOT SENT: no connection. USE THE SWITCH OF THE SERVOS.";
+  if (press && !press.took && (!press.sent || !connected())) {
+    text = "NOT HEARD, no connection: USE THE SWITCH OF THE SERVOS.";
   } else if (press && !mine && !press.took) {
     text = performance.now() - press.at > STOP_PATIENCE ? "NO ANSWER YET: USE THE SWITCH OF THE SERVOS." : "STOP sent ...";
   } else if (told) {
