@@ -115,3 +115,42 @@ def test_the_page_shows_every_measure_as_the_table_has_it() -> None:
         good = "large" if of.direction > 0 else "small"
         row = [f"`{of.name}`", of.meaning.rstrip("."), of.unit or "1", good, ", ".join(of.needs)]
         assert f"| {' | '.join(row)} |" in page
+
+
+def test_an_objective_is_one_text_by_which_it_is_read_again() -> None:
+    assert Goals.of_objective("speed") == Goals.of(["mean_speed"]) == Goals()
+    assert Goals.of_objective("speed_and_cost_of_transport") == Goals.of(["mean_speed", "energy_per_metre"])
+    assert Goals.of_objective(" power , thrust").measures == (MEASURES["power"], MEASURES["thrust"])
+    texts = ("speed", "speed_and_cost_of_transport", "efficiency", "power, thrust", "energy_per_metre, mean_speed")
+    for text in texts:
+        assert Goals.of_objective(text).objective == text
+    assert Goals.of_objective("mean_speed").objective == "speed", "as older versions know it"
+    assert Goals.of_objective("mean_speed,energy_per_metre").objective == "speed_and_cost_of_transport"
+
+
+def test_a_measure_is_labelled_with_its_unit_in_si_and_in_that_of_a_laboratory() -> None:
+    assert [MEASURES[name].label for name in ("mean_speed", "steady_speed", "efficiency")] == [
+        "mean forward speed (m/s)",
+        "steady speed (m/s)",
+        "efficiency",
+    ]
+    assert [MEASURES[name].axis for name in ("mean_speed", "power", "efficiency")] == [
+        "mean forward speed (cm/s)",
+        "power (mW)",
+        "efficiency (%)",
+    ]
+    assert Goals.of(["mean_speed", "turning_radius"]).shown({"mean_speed": 0.02, "turning_radius": 0.3}) == (
+        "2.000 cm/s, 30.00 cm"
+    )
+
+
+def test_the_two_nearest_names_are_offered() -> None:
+    with pytest.raises(ValueError, match=r"did you mean mean_speed or steady_speed\?$"):
+        Goals.of(["ener_speed"])
+
+
+def test_limits_that_contradict_each_other_are_told_the_lower_one_first() -> None:
+    for limits in (["power >= 2 W", "power <= 1 W"], ["power <= 1 W", "power >= 2 W"]):
+        with pytest.raises(ValueError, match=r"constraints 'power >= 2 W' and 'power <= 1 W' contradict"):
+            Goals.of(["mean_speed"], limits)
+    assert len(Goals.of(["mean_speed"], ["power <= 2 W", "power >= 1 W"]).constraints) == 2

@@ -29,7 +29,6 @@ TESTS = {
     "search/one_by_one": ["test_one_by_one.py", *DEB],
     "search/genetic": ["test_genetic.py", *DEB, "test_space.py"],
     "search/algorithms": ["test_searches.py"],
-    "search/conditions": ["test_conditions.py"],
     "search/distributions": ["test_space.py"],
     "search/features": [
         "test_gp.py::TestFeatures",
@@ -53,13 +52,12 @@ TESTS = {
     "trial/phases": ["test_trial.py"],
     "study/candidate": ["test_candidate.py", "test_study_goals.py"],
 }
-READ_A_SPACE = {f"search/{name}" for name in ("names", "rules", "space_file", "stock", "ties")}
+READ_A_SPACE = {f"search/{name}" for name in ("conditions", "names", "rules", "space_file", "stock", "ties")}
 """What a space file says, in the searches' room: not changed here, their tests are too slow for it. In gp most numbers
 are of how long it looks, and another one finds other candidates that are as good: `compare_searches` judges it."""
 LARGEST = {
     "search/space": 60,
     "search/genetic": 60,
-    "search/conditions": 60,
     "search/features": 30,
     "search/gaussian_process": 40,
     "search/nsga2": 40,
