@@ -7,6 +7,7 @@ import math
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -275,3 +276,27 @@ def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its
     assert other.again == pytest.approx(own.again)
     assert simulate(settings, [], fish) is None
     assert simulate(SETTINGS, trials, fish) is None
+
+
+# -- colours -----------------------------------------------------------------------------------------------------------
+
+
+def luminance(colour: str) -> float:
+    """Return the relative luminance of a colour as WCAG 2 defines it."""
+    parts = [int(colour[place : place + 2], 16) / 255.0 for place in (1, 3, 5)]
+    red, green, blue = (part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts)
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue
+
+
+def test_words_and_marks_stand_out_from_the_page_in_light_and_dark() -> None:
+    style = (resources.files("fin_optimizer.report") / "page.css").read_text()
+    themes = re.findall(r":root[^{]*\{(.*?)\}", style, flags=re.DOTALL)
+    assert len(themes) == 2
+    for theme in themes:
+        colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", theme))
+        # WCAG 2.1: 4.5 for words, 3 for marks.
+        wanted = {"ink": 4.5, "quiet": 4.5, "blue": 4.5, "red": 3.0, "green": 3.0, "orange": 3.0, "purple": 3.0}
+        for name, least in wanted.items():
+            for ground in ("paper", "panel"):
+                low, high = sorted((luminance(colours[name]), luminance(colours[ground])))
+                assert (high + 0.05) / (low + 0.05) >= least, (name, ground)

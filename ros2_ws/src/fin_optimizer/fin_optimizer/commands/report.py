@@ -145,6 +145,9 @@ def write_report(folders: Sequence[Path], output: Path | None = None) -> Path:
     name = REPORT_FILE if len(folders) == 1 else COMPARISON_FILE
     target = output or (folders[0] if len(folders) == 1 else Path())
     target = target / name if target.is_dir() else target
+    if target.exists() and not target.is_file():
+        msg = f"{target} is no file that a page could replace: give a file's name, or a folder"
+        raise ValueError(msg)
     page = _page(folders, target)
     foot = f"Written {datetime.now().astimezone():%Y-%m-%d %H:%M %Z} by `report` of fin_optimizer."
     text = html_of(replace(page, foot=foot))
