@@ -40,6 +40,14 @@ def test_operations_are_counted_and_the_profile_is_that_of_the_times_measured(mo
     assert figures["share_of_limit"] == pytest.approx(figures["gflops"] / figures["gflops_limit"])
 
 
+@pytest.mark.long
+def test_every_water_has_its_cost() -> None:
+    rows = swims.waters(Sizes(1, (1,), (1,), (1e-3,), 1))
+    assert [(row["model"], row["wake"]) for row in rows[:2]] == [("strip", "lighthill"), ("surface_3d", "lighthill")]
+    assert all(row["alone_ms"] > 0.0 for row in rows)
+    assert [row["drag"] for row in rows if "core_ms" not in row] == ["off"]
+
+
 def test_lanes_are_within_a_thousandth_and_time_a_swim() -> None:
     rows = swims.methods(Sizes(1, (1,), (1,), (1e-3,), 1))
     assert all(row["error"] < 1e-3 for row in rows)
@@ -55,6 +63,7 @@ def test_scipy_solves_the_same_equations() -> None:
 def test_the_command_prints_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mujoco", reason="pip install -r requirements/bench.txt")
     monkeypatch.setattr(command, "QUICK", Sizes(1, (1, 16), (1, 3), (4e-3, 2e-3), 1))
+    monkeypatch.setattr(swims, "WATERS", swims.WATERS[:2])
     monkeypatch.setattr(trials, "trial_loop", lambda count, duration: Throughput(count, 0.5, count * duration))
     command.main(["--quick", "--json"])
     figures = json.loads(capsys.readouterr().out)

@@ -36,7 +36,7 @@ _WATER = {
     _WATER_KEYS.get(item.name, item.name): item.name for item in fields(Water) if item.name not in _OF_A_BODY_WITH_AXES
 }
 """The water's attributes by the keys of a case."""
-_WORDS = {"model", "wake", "drag", "tip_term", "added_mass"}
+_WORDS = {"model", "wake", "drag", "tip_term"}
 _KEYS = {*_REQUIRED, *_WATER, "servo"}
 _MEANS_OVER = 2
 # Intervals of a trajectory file; a held fish is sampled finer, since its forces are what is asked of it.

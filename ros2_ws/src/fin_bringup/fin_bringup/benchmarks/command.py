@@ -33,6 +33,7 @@ def measure(sizes: Sizes) -> dict[str, Any]:
         "cores": os.cpu_count(),
         "lanes": lanes,
         "scaling": swims.scaling(sizes),
+        "waters": swims.waters(sizes),
         "others": rest,
         "times_faster_than": {name: row["core_ms"] / default["core_ms"] for name, row in rest.items()},
         "real_time": DURATION / (default["core_ms"] * 1e-3),
@@ -72,6 +73,16 @@ def text(figures: dict[str, Any]) -> str:
         "| cores | swims a second |",
         "|---|---|",
         *(f"| {r['cores']:.0f} | {r['swims_per_second']:.0f} |" for r in scale["cores"]),
+    ]
+    lines += [
+        "",
+        "| water | wake | drag | core-ms a swim of a study of shapes | core-ms alone |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {r['model']} | {r['wake']} | {r['drag']} | {format(r['core_ms'], '.4f') if 'core_ms' in r else '-'} "
+        f"| {r['alone_ms']:.1f} |"
+        for r in figures["waters"]
     ]
     lines += ["", f"{figures['real_time']:.0f} times real time on one core", ""]
     lines += [

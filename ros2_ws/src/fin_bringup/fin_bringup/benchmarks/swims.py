@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from fin_bringup.benchmarks.measuring import DURATION, MANY, MODULI, PAPER, batch, core_time, lanes, wall_time
 from fin_sim.batch import swim_batch
 from fin_sim.swim import swim
+from fin_sim.water_settings import PRESETS, Settings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,6 +39,30 @@ def methods(sizes: Sizes) -> list[dict[str, Any]]:
                 speeds = swim_batch(columns, PAPER.fish, threads=1, **options).mean_speed  # type: ignore[arg-type]
                 error = float(np.abs(speeds / exact - 1.0).max())
                 rows.append({**options, "core_ms": taken / MANY * 1e3, "error": error})
+    return rows
+
+
+_PRESETS = (PRESETS["paper_simulation"], PRESETS["soleil"])
+WATERS = (Settings("strip", "lighthill", "on"), Settings("surface_3d", "lighthill", "on"), *_PRESETS)
+_IN_A_WATER = 256
+
+
+def waters(sizes: Sizes) -> list[dict[str, Any]]:
+    """Return the core time of a swim in each kind of water: of a study of shapes, and alone by the general kernel."""
+    length = np.linspace(0.06, 0.14, _IN_A_WATER)
+    height = PAPER.fin.area / length
+    columns = {**vars(PAPER.fin), "length": length, "height": height, "tip_height": height}
+    columns["young_modulus"] = np.geomspace(5e8, 5e9, _IN_A_WATER)
+    rows = []
+    for settings in WATERS:
+        fish = replace(PAPER.fish, water=replace(PAPER.fish.water, **settings._asdict()))
+        row: dict[str, Any] = settings._asdict()
+        if settings.drag == "on":  # without, hardly a swim settles in lanes
+            many = partial(swim_batch, columns, fish, reactive=PAPER.reactive, threads=1)
+            row["core_ms"] = core_time(many, sizes.repeats) / _IN_A_WATER * 1e3
+        alone = partial(swim, PAPER.fin, fish, duration=DURATION, reactive=PAPER.reactive)
+        row["alone_ms"] = core_time(alone, sizes.repeats) * 1e3
+        rows.append(row)
     return rows
 
 
