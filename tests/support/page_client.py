@@ -129,5 +129,6 @@ class PageClient:
                 return "answer" in self.newest or self._times_of(text) != before
 
             await self.until(answered, f"what came of {action}")
-            if "new step" not in self.newest.get("answer", {}).get("text", ""):
+            refusal = self.newest.get("answer", {}).get("text", "")
+            if "new step" not in refusal and "asked no more" not in refusal:
                 return str(offer["key"])

@@ -70,6 +70,11 @@ def next_step(state: PlantState | None, controls: Controls = KEYBOARD) -> tuple[
     return advice.format(**words, **capitals), action
 
 
+def advice_says_all(state: PlantState) -> bool:
+    """Whether the state's reason adds nothing to what `next_step` says."""
+    return EMERGENCY in state.reason or state.details.get("waiting_for") in {"fin", "arming", "mark"}
+
+
 def question(state: PlantState | None) -> tuple[str, ...]:
     """Return the action that a state asks for, and after it all that tells this question from every other one.
 

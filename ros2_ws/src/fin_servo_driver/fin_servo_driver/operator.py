@@ -29,7 +29,16 @@ from fin_plant import node_process, topics
 from fin_plant.plant_state import State
 from fin_servo_driver.driver_client import SpunDriverClient
 from fin_servo_driver.fin_instruction import sizes, wanted_fin
-from fin_servo_driver.next_step import CALM, EMERGENCY, NOTHING_ASKED, SILENT, SWITCH, next_step, question, too_new
+from fin_servo_driver.next_step import (
+    CALM,
+    NOTHING_ASKED,
+    SILENT,
+    SWITCH,
+    advice_says_all,
+    next_step,
+    question,
+    too_new,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -75,7 +84,7 @@ def screen(
     parts: list[RenderableType] = [title]
     if state is not None and state.details.get("waiting_for") == "fin":
         parts.append(_fin_table(wanted_fin(state.details)))
-    elif state is not None and state.reason and not _advice_says_all(state):
+    elif state is not None and state.reason and not advice_says_all(state):
         parts.append(Text(state.reason))
     parts += [Text(advice, style="bold"), _answer(answer)]
     table = Table.grid(padding=(0, 2))
@@ -83,10 +92,6 @@ def screen(
         if device.get(name, "") not in {"", "not reported"}:
             table.add_row(name, device[name])
     return _panel(parts, table, Text(seen if state is None else ""))
-
-
-def _advice_says_all(state: PlantState) -> bool:
-    return EMERGENCY in state.reason or state.details.get("waiting_for") in {"arming", "mark"}
 
 
 def _answer(answer: str) -> Text:

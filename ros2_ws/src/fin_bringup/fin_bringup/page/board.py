@@ -17,7 +17,7 @@ from fin_bringup.page.offers import BUTTONS, Offer
 from fin_optimizer.words import show_speed
 from fin_plant.plant_state import PlantState, State
 from fin_servo_driver.fin_instruction import sizes, wanted_fin
-from fin_servo_driver.next_step import SWITCH, next_step, question
+from fin_servo_driver.next_step import SWITCH, advice_says_all, next_step, question
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -207,8 +207,9 @@ class Board:
         """Return the buttons that there are now."""
         if self.lost(now):
             return []
-        state = self.state if self.plant.alive(now) else None
-        mode = self.progress.get("mode", "") if self.study.alive(now) else ""
+        # Only of processes that were seen: what stands for them is part of each button's key.
+        state = self.state if self.plant.alive(now) and self.plant.incarnation else None
+        mode = self.progress.get("mode", "") if self.study.alive(now) and self.study.incarnation else ""
         trials = _number(self.progress.get("trials")) or 0
         return [
             *offers.of_plant(state, f"{self._session} {self.plant.incarnation} {self._questions}"),
@@ -255,7 +256,7 @@ class Board:
         return {
             **told,
             "state": state.state.value,
-            "reason": "" if wanted else state.reason,
+            "reason": "" if advice_says_all(state) else state.reason,
             "advice": advice,
             "mount": _sizes(wanted),
             "fin": _sizes({f"wanted.{name}": text for name, text in state.fin.items()}),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import os
 import secrets
 import signal
 import socket
@@ -71,7 +72,8 @@ def _listening(host: str, port: int) -> socket.socket:
     try:
         return listen(host, port)
     except OSError as error:
-        msg = f"cannot listen at {host}:{port}: {error.strerror or error}; give another --host or --port"
+        why = os.strerror(error.errno) if error.errno is not None and error.errno > 0 else str(error)
+        msg = f"cannot listen at {host}:{port}: {why}; give another --host or --port"
         raise ValueError(msg) from error
 
 
