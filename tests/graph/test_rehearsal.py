@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from rclpy.node import NodeNameNonExistentError
 
+from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
 from fin_plant import topics
@@ -70,6 +71,12 @@ def test_the_optimiser_works_against_the_hidden_fish_as_against_a_robot(
     trials = read_trials(study)  # a swim that a busy machine has broken off is swum again
     assert len([trial for trial in trials if trial.outcome is Outcome.OK]) == 2
     assert len(list((study / "bags").iterdir())) == len(trials)
+    # The bag of a robot shows its fish too: a body at the tracker's pose, and the tail that the driver tells.
+    bag = read_bag(study / next(trial.bag for trial in trials if trial.outcome is Outcome.OK))
+    frames = [[each.child_frame_id for each in message.transforms] for _, message in bag.decoded("/tf")]
+    assert len(frames) > 50
+    assert set(map(tuple, frames)) == {("base_link", "tail_link_1")}
+    assert all(bag.counts[f"/fish/{name}"] for name in ("robot_description", "markers", "path"))
 
 
 @pytest.mark.timeout(180)
