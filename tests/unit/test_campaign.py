@@ -279,3 +279,18 @@ def test_a_dask_cluster_gives_the_same_results(tmp_path: Path, expected: dict[Ru
     chosen = planned_runs(SMALL, ["hill_climber", "genetic"])
     results = campaign.finished(tmp_path, chosen)
     assert all(same(results[run], expected[run]) for run in chosen)
+
+
+def test_a_campaign_in_another_water_is_another_campaign_and_one_in_strips_the_same_as_ever(tmp_path: Path) -> None:
+    sizes = {"genetic_runs": 1, "population": 2, "generations": 1, "landscape": 2}
+    strips, ideal = Campaign(**sizes), Campaign(**sizes, water="paper_simulation")  # type: ignore[arg-type]
+    assert Run("shape", 0, ideal).preset.fish.water.model == "surface_3d"
+    assert Run("shape", 0, ideal).preset.fish.water.wake == "none"
+    campaign._open_folder(tmp_path / "strips", strips)
+    settings = json.loads((tmp_path / "strips" / "study.json").read_text())
+    assert "water" not in settings  # as folders of older versions are
+    assert "wake" not in settings["fish"]["clark2012_simulation"]["fish"]["water"]
+    with pytest.raises(ValueError, match=r"other settings \(water"):
+        campaign._open_folder(tmp_path / "strips", ideal)
+    with pytest.raises(ValueError, match="water = 'salt' is not known"):
+        Campaign(water="salt")
