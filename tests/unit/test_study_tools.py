@@ -523,7 +523,7 @@ def test_a_picture_that_cannot_be_drawn_is_named_after_the_table(
     assert show_study.main([str(swum), "--plot", str(tmp_path / "nowhere" / "a.png")]) == 1
     shown = capsys.readouterr()
     assert "best " in shown.out
-    assert shown.err.count("could not be drawn") == 1
+    assert shown.err.count("could not be drawn") == 3, "the map, the slices and the parallel coordinates"
     assert show_study.main([str(swum), "--plot", str(tmp_path / "a.jpg")]) == 2
     assert "must end in .png, .pdf or .svg" in capsys.readouterr().err
 
