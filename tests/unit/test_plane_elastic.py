@@ -57,7 +57,7 @@ def test_a_driven_and_an_elastic_joint_move_as_those_of_the_reference(seconds: i
     assert np.max(np.abs(motion.momentum)) < 1e-9, "it began without"
 
 
-@pytest.mark.parametrize("seconds", [1, pytest.param(10, marks=pytest.mark.long)])
+@pytest.mark.parametrize("seconds", [1, pytest.param(5, marks=pytest.mark.long)])
 def test_a_free_body_with_momentum_moves_as_that_of_the_reference(seconds: int) -> None:
     """Energy and momentum are conserved on the way."""
     expected = reference("two_elastic_free", seconds)
