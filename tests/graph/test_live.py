@@ -100,7 +100,7 @@ def start_live(start: Start, *words: str) -> tuple[StartedProcess, str]:
 
 
 def test_a_viewer_sees_the_fish_calls_a_service_and_sets_a_parameter(start: Start) -> None:
-    start("fin_sim", "simulator")
+    start("fin_sim", "simulator").wait_for_output("kernel ready", 250.0)
     live, address = start_live(start, "--port", "0")
     with Viewer(address) as viewer:
         for topic in ("/fish/robot_description", "/fish/joint_states", "/tf", "/fish/pose"):

@@ -64,7 +64,7 @@ def test_the_help_of_a_node_lists_every_parameter_that_it_has(node: str) -> None
     text = usage(package, node, "A node.", node_table(package, node), 80)
     module = importlib.import_module(f"{package}.{node}")
     declared = vars(module).get("PARAMETERS") or module.OPTIMIZER_PARAMETERS
-    assert re.findall(r"^  ([a-z][a-z_.]+): ", text, re.MULTILINE) == list(declared)
+    assert re.findall(r"^  ([a-z][a-z0-9_.]+): ", text, re.MULTILINE) == list(declared)
 
 
 def test_the_help_of_a_node_says_type_unit_default_range_meaning_and_what_is_fixed() -> None:

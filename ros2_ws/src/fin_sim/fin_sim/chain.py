@@ -183,19 +183,19 @@ class Chain:
             *_pieces(link),
         ]
 
-    def added_mass(self) -> NDArray[np.float64]:
+    def added_mass(self) -> NDArray[np.float64] | None:
         """Return the matrix of added mass that takes the place of the links' virtual moments.
 
         The body's own added mass is left out: it stands in `body_vector`.
 
         Returns:
-            Shape (3 + 4 N, 3 + 2 N), see `surface_3d.added_mass.link_matrix`; (0, 0) where the moments count.
+            Shape (3 + 4 N, 3 + 2 N), see `surface_3d.added_mass.link_matrix`; None where the moments count.
 
         Raises:
             ValueError: The tail begins inside of the body, or the matrix is not positive.
         """
         if not self.water.has_matrix or self.axes is None:
-            return np.zeros((0, 0))
+            return None
         from fin_sim.surface_3d.factors import matrix  # noqa: PLC0415  (strips need none)
 
         outline = tuple(replace(link, mass_per_area=0.0, stiffness=0.0, damping=0.0) for link in self.links)
@@ -263,7 +263,7 @@ class Chain:
             mass -= second * (np.outer(sideways, turning) + np.outer(turning, sideways))
             sideways = sideways - row[LENGTH] * turning
         added = self.added_mass()
-        if len(added):
+        if added is not None:
             from fin_sim.surface_3d.added_mass import straight_kinematics  # noqa: PLC0415
 
             moves = straight_kinematics([link.length for link in self.links], self.body.tail_offset)[:, 1:]

@@ -334,9 +334,15 @@ def water_of_matrix(swim: Swim) -> tuple[Array, Array]:
     Returns:
         Kinetic energy in J, shape (S,), and angular momentum about the swim's start in the frame that moves with the
         water, kg m^2/s, shape (S,).
+
+    Raises:
+        ValueError: The swim's water has no matrix of added mass.
     """
     chain, links = swim.chain, swim.chain.link_table()
     added, size = chain.added_mass(), 3 + 2 * len(links)
+    if added is None:
+        msg = "the swim's water has no matrix of added mass: energy.py tells what it stores"
+        raise ValueError(msg)
     own = [place(i) for i in range(size)]
     x, y = swim.x - chain.water.current_x * swim.time, swim.y - chain.water.current_y * swim.time
     columns = (x, y, swim.heading, swim.water_surge, swim.water_sway, swim.yaw_rate)

@@ -308,7 +308,7 @@ def _evaluate_with(
     drive: Array,
     links: Array,
     body: Array,
-    added: Array,
+    added: Array | None,
     free: bool,
     distributed: bool,
     derivative: Array,
@@ -317,9 +317,10 @@ def _evaluate_with(
 ) -> None:
     """Do as `evaluate`, with a matrix of added mass in the place of the links' virtual moments if there is one.
 
-    ``added`` has the shape (0, 0), or (3 + 4 N, 3 + 2 N); see `Chain.added_mass`.
+    ``added`` is None, or has the shape (3 + 4 N, 3 + 2 N); see `Chain.added_mass`. What is compiled for None knows
+    nothing of matrices, which take longer to compile than all the rest.
     """
-    if added.shape[0] == 0:
+    if added is None:
         evaluate(state, drive, links, body, free, distributed, derivative, record, scratch)
         return
     count = links.shape[0]
@@ -412,7 +413,7 @@ def integrate(
     motion: Array,
     links: Array,
     body: Array,
-    added: Array,
+    added: Array | None,
     free: bool,
     distributed: bool,
     step: float,
