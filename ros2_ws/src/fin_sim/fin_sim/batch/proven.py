@@ -106,9 +106,13 @@ def _beat(gait: Gait) -> float:
 
 
 def _in_strips(fish: Fish) -> Fish:
-    """Return the fish in the water of strips, if the proof is of its own too: each link lighter, and so quicker."""
-    links = fish.water.model == "surface_3d" and not fish.water.has_matrix
-    return replace(fish, water=replace(fish.water, model="strip")) if links else fish
+    """Return the fish in the water of strips, if the proof is of its own too: each link lighter, and so quicker.
+
+    The body's axes count for a matrix of added mass and for the plane flow alone.
+    """
+    if fish.water.has_matrix or fish.water.model == "ideal_2d":
+        return fish
+    return replace(fish, axes=None, water=replace(fish.water, model="strip"))
 
 
 def _is_the_ellipsoid(fish: Fish) -> bool:
