@@ -71,6 +71,9 @@ LARGEST = {
 TABLES = {"trial/phases": ["PHASES"]}
 """Tables outside functions whose rows are changed too."""
 EQUIVALENT = {
+    "search/space": {
+        "refused: if self.judge is _allowed: -> if False:": "to judge what is always allowed only takes its time",
+    },
     "search/hill_climber": {
         "gaussian_step: at + int(random.integers(1, dimension.count)) -> "
         "at - int(random.integers(1, dimension.count))": ("as far the other way round is each of the others as often"),

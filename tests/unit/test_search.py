@@ -127,6 +127,11 @@ def test_the_pareto_front_is_what_none_beats_in_both() -> None:
     assert pareto_front([]) == []
 
 
+def test_what_has_no_score_has_no_objectives() -> None:
+    assert Evaluation({MODULUS: 1e9}, None).objectives == ()
+    assert Evaluation({MODULUS: 1e9}, 2.0, (3.0,)).objectives == (2.0, 3.0)
+
+
 def test_the_bounds_of_a_range_are_floats_and_a_part_of_it() -> None:
     assert [type(bound) for bound in (Dimension("x", 1, 2).minimum, Dimension("x", 1, 2).maximum)] == [float, float]
     bounds = [{MODULUS: RANGE.minimum}, {MODULUS: RANGE.maximum}]
@@ -207,6 +212,7 @@ def test_several_parameters_are_stepped_together() -> None:
         (lambda: HillClimber(Space((RANGE,)), 1, {MODULUS: 0.0}), "step of fin.young_modulus = 0 Pa"),
         (lambda: HillClimber(Space((RANGE,)), 1, {"fin.length": 1.0}), "steps are given for \\['fin.length'\\]"),
         (lambda: Evaluation({MODULUS: 1e9}, math.nan), "score = nan.*give None"),
+        (lambda: Evaluation({MODULUS: 1e9}, 1.0, (math.nan,)), "others = nan.*give no score to a trial without it"),
         (lambda: Space((RANGE,)).check({MODULUS: 5e9}), "fin.young_modulus = 5e\\+09 Pa is outside"),
         (lambda: Space((RANGE,)).check({}), "got \\[\\]"),
     ],

@@ -128,6 +128,26 @@ def test_a_logarithm_draws_each_decade_alike() -> None:
     assert share == pytest.approx(2.0 / math.log10(2e4), abs=0.05)
 
 
+def test_the_end_of_a_logarithm_stays_the_end() -> None:
+    """The exponential of the logarithm of 3 is more than 3 by rounding."""
+    dimension = Dimension("x", 1.0, 3.0, log=True)
+    assert np.exp(np.log(3.0)) > 3.0
+    assert dimension.numbers(dimension.coordinates(np.array([3.0]))) == [3.0]
+
+
+def test_a_space_is_countable_where_each_of_its_parameters_is() -> None:
+    assert Space((LENGTH, HINGES)).is_countable
+    assert not Space((LENGTH, FREQUENCY)).is_countable
+
+
+def test_what_judges_many_at_once_is_asked_where_there_is_one() -> None:
+    def alone(_: Mapping[str, Any]) -> str:
+        pytest.fail("one by one")
+
+    space = Space((FREQUENCY,), alone, lambda numbers: numbers[:, 0] < 2.0)
+    assert space.refused(np.array([[2.5], [1.0], [3.0]])).tolist() == [0, 2]
+
+
 def test_whole_numbers_may_be_searched_in_the_logarithm() -> None:
     segments = Dimension("fin.segments", 1, 20, whole=True, log=True)
     drawn = {uniform(Space((segments,)), generator(4, n))["fin.segments"] for n in range(3000)}
