@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fin_optimizer.search import cloud as cloud_module
 from fin_optimizer.search import plausible
 from fin_optimizer.search.algorithms import Swimming, search
 from fin_optimizer.search.cloud import Cloud
@@ -80,6 +81,89 @@ def test_the_order_of_trials_changes_no_belief() -> None:
     one = cloud.belief(np.array([0, 1, 2]), np.array([0.021, 0.03, 0.028]))
     other = cloud.belief(np.array([2, 0, 1]), np.array([0.028, 0.021, 0.03]))
     assert one.mean == pytest.approx(other.mean)
+
+
+SPEEDS = np.array([[0.02, 0.03, 0.025], [0.04, 0.03, 0.02], [0.05, 0.01, 0.03]])
+PLACES = np.array([[0.0, 0.0], [1.0, 0.5], [3.0, 4.0]])
+
+
+def test_fins_are_alike_by_their_distance() -> None:
+    apart = 0.04 * np.exp(-0.5 * np.array([[0.0, 1.25, 25.0], [1.25, 0.0, 16.25], [25.0, 16.25, 0.0]]))
+    assert Cloud(SPEEDS, np.zeros(3), PLACES, 0.1, 0.2)._likeness() == pytest.approx(apart)
+
+
+def test_a_belief_has_the_moments_of_its_mixture() -> None:
+    """Each fish's logarithms are normal: their moments after two trials by the inverse of the covariance."""
+    cloud = Cloud(SPEEDS, np.log([0.2, 0.5, 0.3]), PLACES, 0.1, 0.2)
+    belief = cloud.belief(np.array([0, 1]), np.array([0.036, 0.024]))
+    like = cloud._likeness()
+    inverse = np.linalg.inv(like[:2, :2] + 0.01 * np.eye(2))
+    left = np.log([0.036, 0.024]) - np.log(SPEEDS[:, :2])
+    weights = np.array([0.2, 0.5, 0.3]) * np.exp([-0.5 * each @ inverse @ each for each in left])
+    weights /= weights.sum()
+    at = np.log(SPEEDS) + np.array([like[:, :2] @ inverse @ each for each in left])
+    variance = np.diag(like - like[:, :2] @ inverse @ like[:2])
+    mean = weights @ np.exp(at + variance / 2.0)
+    assert belief.weights == pytest.approx(weights)
+    assert belief.variance == pytest.approx(variance)
+    assert belief.mean == pytest.approx(mean)
+    assert belief.deviation == pytest.approx(np.sqrt(weights @ np.exp(2.0 * at + 2.0 * variance) - mean**2))
+    assert belief.effective_size == pytest.approx(1.0 / (weights @ weights))
+    assert belief.best == 0
+
+
+def test_fish_that_are_all_most_unlikely_count_as_they_are_to_each_other() -> None:
+    belief = Cloud(SPEEDS, np.log([0.2, 0.5, 0.3]) - 1000.0, PLACES, 0.1, 0.2).belief(np.array([], int), np.array([]))
+    assert belief.weights == pytest.approx([0.2, 0.5, 0.3])
+
+
+def test_gains_are_the_integral_over_what_a_trial_may_tell() -> None:
+    each_another = np.array([[0.03, 0.06, 0.03], [0.036, 0.02, 0.02], [0.04, 0.03, 0.07]])
+    cloud = Cloud(each_another, np.log([0.2, 0.5, 0.3]), PLACES, 0.15, 0.4)
+    belief = cloud.belief(np.array([0]), np.array([0.036]))
+    speeds = np.exp(belief.logarithms + 0.5 * belief.variance)
+    outcomes = np.linspace(-8.0, 0.0, 20_001)
+    expected = []
+    for fin in range(3):
+        variance = belief.variance[fin] + 0.15**2
+        density = np.exp(-0.5 * (outcomes[:, None] - belief.logarithms[:, fin]) ** 2 / variance)
+        best = np.max(density * belief.weights @ speeds, axis=1)
+        expected.append(np.trapezoid(best, outcomes) / np.sqrt(2.0 * np.pi * variance) / belief.mean.max() - 1.0)
+    found = np.mean([cloud.gains(belief, np.random.default_rng(seed)) for seed in range(300)], axis=0)
+    assert found == pytest.approx(np.array(expected), abs=2.5e-3)
+    assert max(expected) > 0.15
+
+
+def test_of_very_many_fish_so_many_are_thought_through_by_their_weights(monkeypatch: pytest.MonkeyPatch) -> None:
+    def gains(*weights: float, drawn: int = 0) -> list[float]:
+        one = Cloud(SPEEDS[: len(weights)], np.log(weights), PLACES, 0.05, 0.0)
+        random = np.random.default_rng(3)
+        random.random(drawn)
+        return one.gains(one.belief(np.array([], dtype=np.intp), np.array([])), random).tolist()
+
+    two, equal = gains(0.9, 0.1), gains(0.5, 0.5, drawn=1)
+    monkeypatch.setattr(cloud_module, "_MOST", 2)
+    assert gains(0.9, 0.1) == two
+    assert gains(0.499995, 0.499995, 1e-5) == pytest.approx(equal), "the third is drawn once in 100 000 times"
+
+
+def test_a_fish_far_less_likely_than_the_others_is_not_thought_through() -> None:
+    one = Cloud(SPEEDS[:2], np.log([1.0, 5e-7]), PLACES, 0.05, 0.0)
+    gains = one.gains(one.belief(np.array([], dtype=np.intp), np.array([])), np.random.default_rng(1))
+    assert gains == pytest.approx(np.zeros(3), abs=1e-12)
+
+
+def test_many_fish_that_are_all_as_likely_are_thought_through() -> None:
+    one = Cloud(np.tile(two_fish().speeds, (750, 1)), np.zeros(1500), two_fish().places, 0.05, 0.0)
+    gains = one.gains(one.belief(np.array([], dtype=np.intp), np.array([])), np.random.default_rng(1))
+    assert gains == pytest.approx([0.035 / 0.03 - 1.0, 0.0, 0.035 / 0.03 - 1.0])
+
+
+def test_places_are_drawn_evenly_by_their_weights() -> None:
+    drawn = cloud_module._systematic(np.array([0.5, 0.25, 0.25]), 8, np.random.default_rng(1))
+    assert drawn.tolist() == [0, 0, 0, 0, 1, 1, 2, 2]
+    short = cloud_module._systematic(np.array([0.4, 0.4]), 4, np.random.default_rng(1))
+    assert short.tolist() == [0, 0, 1, 1], "weights whose sum is less by rounding"
 
 
 def test_fish_drawn_anew_stand_for_the_same_belief() -> None:

@@ -101,6 +101,10 @@ def test_excesses_pass_a_search_by_generations_and_a_fin_without_a_score_has_non
     assert np.isnan(generation.others[1]).all()
     assert generation.violations[0] == 0.5
     assert math.isnan(generation.violations[1])
+    one.propose([Evaluation({"x": 0.0, "y": 0.0}, score) for score in (1.0, None)])
+    (generation,) = asked
+    assert generation.others is None
+    assert generation.excesses is None
 
 
 @pytest.mark.parametrize("sides", [1, 2, 3])

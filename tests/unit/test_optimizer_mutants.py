@@ -21,6 +21,19 @@ DEB = (
 )
 """What the searches do under constraints."""
 FRONT = "test_known_numbers.py::test_each_fin_of_the_pareto_front_is_a_parent_as_often"
+CLOUD = (
+    "test_weights_follow_bayes",
+    "test_a_fin_on_which_all_fish_agree_teaches_nothing",
+    "test_fins_are_alike_by_their_distance",
+    "test_a_belief_has_the_moments_of_its_mixture",
+    "test_fish_that_are_all_most_unlikely_count_as_they_are_to_each_other",
+    "test_gains_are_the_integral_over_what_a_trial_may_tell",
+    "test_of_very_many_fish_so_many_are_thought_through_by_their_weights",
+    "test_a_fish_far_less_likely_than_the_others_is_not_thought_through",
+    "test_many_fish_that_are_all_as_likely_are_thought_through",
+    "test_places_are_drawn_evenly_by_their_weights",
+)
+"""What is believed, without a swim."""
 # The files that decide, each with its tests, the quickest first.
 TESTS = {
     "goals": ["test_goals.py"],
@@ -29,6 +42,12 @@ TESTS = {
     "search/one_by_one": ["test_one_by_one.py", *DEB],
     "search/genetic": ["test_genetic.py", *DEB, "test_space.py"],
     "search/algorithms": ["test_searches.py"],
+    "search/cloud": [f"test_cloud_search.py::{test}" for test in CLOUD],
+    "search/many": [
+        "test_many.py",
+        "test_space_campaign.py::test_candidates_as_columns_are_what_a_plant_is_sent",
+        "test_space_campaign.py::test_every_name_that_a_space_can_have_is_a_column",
+    ],
     "search/distributions": ["test_space.py"],
     "search/features": [
         "test_gp.py::TestFeatures",
@@ -55,6 +74,9 @@ TESTS = {
 READ_A_SPACE = {f"search/{name}" for name in ("conditions", "names", "rules", "space_file", "stock", "ties")}
 """What a space file says, in the searches' room: not changed here, their tests are too slow for it. In gp most numbers
 are of how long it looks, and another one finds other candidates that are as good: `compare_searches` judges it."""
+SWIM_A_CLOUD = {"search/cloud_search", "search/plausible"}
+"""Whose tests swim many fish, 10 s a mutant. Most numbers are of how long it looks (how many fish and fins, when the
+cloud is drawn anew), and others find fins that are as good: `make bench-search` judges them."""
 LARGEST = {
     "search/space": 60,
     "search/genetic": 60,
@@ -75,10 +97,21 @@ EQUIVALENT = {
         "refused: if self.judge is _allowed: -> if False:": "to judge what is always allowed only takes its time",
     },
     "search/hill_climber": {
+        "propose: pareto_front(history) if any((entry.others for entry in history)) else [] -> pareto_front(history)": (
+            "of one objective the front is the best one, and to draw among one takes no random number"
+        ),
         "gaussian_step: at + int(random.integers(1, dimension.count)) -> "
         "at - int(random.integers(1, dimension.count))": ("as far the other way round is each of the others as often"),
         "gaussian_step: random.random() < 1.0 / len(space.dimensions) -> "
         "random.random() <= 1.0 / len(space.dimensions)": "no draw is exactly that",
+    },
+    "search/cloud": {
+        "gains: belief.weights > 1e-06 * belief.weights.max() -> belief.weights >= 1e-06 * belief.weights.max()": (
+            "no weight is exactly that"
+        ),
+        "gains: logarithms[drawn, fin] + spread * error -> logarithms[drawn, fin] - spread * error": (
+            "the errors are as many and as large the other way round"
+        ),
     },
     "search/algorithms": {
         "_can: not choices -> choices": (
@@ -167,7 +200,7 @@ EQUIVALENT = {
 def test_every_file_of_the_searches_is_among_those_that_are_changed() -> None:
     room = SOURCE / "fin_optimizer/fin_optimizer/search"
     files = {f"search/{path.stem}" for path in room.glob("[a-z]*.py")}
-    assert files == {name for name in TESTS if name.startswith("search/")} | READ_A_SPACE | {"search/gp"}
+    assert files == {name for name in TESTS if name.startswith("search/")} | READ_A_SPACE | SWIM_A_CLOUD | {"search/gp"}
 
 
 @pytest.mark.timeout(1500)

@@ -10,7 +10,7 @@ import numpy as np
 from fin_optimizer.search import names
 from fin_optimizer.search.rules import gait_of, is_plain
 from fin_plant.fin import FIN_PARAMETERS
-from fin_plant.gait import COLUMNS
+from fin_plant.gait import COLUMNS, Gait
 from fin_sim.batch import fins_accepted
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from fin_optimizer.search.conditions import Condition
     from fin_optimizer.search.rules import Rules
     from fin_optimizer.search.space import Space
-    from fin_plant.gait import Gait
 
 
 @dataclass(frozen=True)
@@ -48,9 +47,21 @@ class Columns:
     def met(self, conditions: Sequence[Condition]) -> NDArray[np.bool_]:
         """Return which candidates can be built and meet plain conditions, shape (n,)."""
         good = fins_accepted(self.fins)
+        numbers = self.numbers if conditions else {}
         for condition in conditions:
-            good = good & condition.met(self.parameters)
+            good = good & condition.met(numbers)
         return good
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """Every number that a plain condition may name, each of shape (n,) or one value for all."""
+        heights = np.asarray(self.parameters[names.HEIGHTS], dtype=float)
+        rows = self.gaits.rows() if isinstance(self.gaits, Gait) else self.gaits
+        return {
+            **self.parameters,
+            **{names.height(place + 1): heights[..., place] for place in range(heights.shape[-1])},
+            **_drives(rows),
+        }
 
 
 def columns_of(space: Space, rules: Rules, start: Mapping[str, Any], numbers: NDArray[np.float64]) -> Columns:
@@ -89,25 +100,30 @@ def columns_of(space: Space, rules: Rules, start: Mapping[str, Any], numbers: ND
     for name in searched:
         joint, of = names.drive_place(name) or (0, names.WHOLE[name])
         gaits[:, joint, COLUMNS.index(of)] = columns[name]
-    return Columns(parameters | _drives(gaits), gaits, len(numbers))
+    return Columns(parameters, gaits, len(numbers))
 
 
 def _one_by_one(
     space: Space, rules: Rules, start: Mapping[str, Any], numbers: NDArray[np.float64], *, own_gaits: bool
 ) -> Columns:
     sent = [rules.sent(start, space.values(row)) for row in numbers.tolist()]
-    parameters = {name: np.array([each[name] for each in sent]) for name in FIN_PARAMETERS}
+    wanted = [*FIN_PARAMETERS, *(name for name in names.WHOLE if name in sent[0])]
+    parameters = {name: np.array([each[name] for each in sent]) for name in wanted}
     gaits = np.array([gait_of(each).rows() for each in sent]) if own_gaits else gait_of(start)
     return Columns(parameters, gaits, len(numbers))
 
 
 def _drives(gaits: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of gaits by the names that conditions have for them; a phase as a place on the circle."""
+    """Return the columns of gaits by the names that conditions have for them; a phase as a place on the circle.
+
+    Args:
+        gaits: Shape (..., joints, 4).
+    """
     rows = gaits.copy()
     phase = COLUMNS.index("phase")
-    rows[:, :, phase] = np.pi - np.mod(np.pi - rows[:, :, phase], 2.0 * np.pi)
+    rows[..., phase] = np.pi - np.mod(np.pi - rows[..., phase], 2.0 * np.pi)
     return {
-        names.drive(joint + 1, column): rows[:, joint, place]
-        for joint in range(rows.shape[1])
+        names.drive(joint + 1, column): rows[..., joint, place]
+        for joint in range(rows.shape[-2])
         for place, column in enumerate(COLUMNS)
     }
