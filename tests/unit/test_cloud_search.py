@@ -139,7 +139,7 @@ def test_of_very_many_fish_so_many_are_thought_through_by_their_weights(monkeypa
         one = Cloud(SPEEDS[: len(weights)], np.log(weights), PLACES, 0.05, 0.0)
         random = np.random.default_rng(3)
         random.random(drawn)
-        return one.gains(one.belief(np.array([], dtype=np.intp), np.array([])), random).tolist()
+        return list(one.gains(one.belief(np.array([], dtype=np.intp), np.array([])), random))
 
     two, equal = gains(0.9, 0.1), gains(0.5, 0.5, drawn=1)
     monkeypatch.setattr(cloud_module, "_MOST", 2)
