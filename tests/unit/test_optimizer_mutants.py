@@ -121,6 +121,9 @@ EQUIVALENT = {
             "the one that cannot choose has one objective only: it is in no list of those that can"
         ),
     },
+    "search/features": {
+        "__init__: True -> False": "both are of each parameter",
+    },
     "search/gaussian_process": {
         "log_improvement_with_slope: variance <= _SMALLEST_VARIANCE -> variance < _SMALLEST_VARIANCE": (
             "no variance is exactly that"
