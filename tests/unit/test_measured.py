@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
 THRUST = BagTopic("/fish/thrust", "geometry_msgs/msg/WrenchStamped", quality())
 MEASUREMENT = Measurement(1.0, 2.5, block=0.5)
 """A window from 1 s to 3.5 s, of which the last three beats, from 2 s on, count as steady."""
@@ -132,6 +134,64 @@ def test_what_was_not_recorded_is_named(changed: dict[str, Any], name: str, mess
     with pytest.raises(ScoreError, match=message):
         measured(lacking, name)
     assert measured(lacking, "steady_speed")
+
+
+def driven_by(torques: NDArray[np.float64], name: str = "tail_joint_1", told: int = 1) -> SwimRecord:
+    """Return the swim with these torques at `TIMES`, all at -2 rad/s, of a joint with this name."""
+    types, type_name = message_types().types, JOINTS.type_name
+    joints = []
+    for index, each in enumerate(torques.tolist()):
+        numbers = np.array([0.1]), np.array([-2.0]), np.array([each] * told)
+        message = types[type_name](header(START + STEP * index), [name], *numbers)
+        joints.append(bytes(message_types().serialize_cdr(message, type_name)))
+    return SwimRecord(**{**record().__dict__, "joint_states": joints})
+
+
+def test_the_largest_torque_is_that_between_the_windows_ends_which_count() -> None:
+    for place, largest in ((99, 0.1), (100, 3.0), (350, 3.0), (351, 0.1)):  # from 1 s to 3.5 s
+        torques = np.full(len(TIMES), -0.1)
+        torques[place] = 3.0
+        assert measured(driven_by(torques), "servo_torque")["servo_torque"] == largest
+
+
+@pytest.mark.parametrize(("name", "told"), [("fin_hinge_1", 1), ("tail_joint_1", 0)])
+def test_a_torque_that_the_tails_joints_do_not_tell_is_missed(name: str, told: int) -> None:
+    with pytest.raises(ScoreError, match=r"^joint_states tell no torque of the tail's joints$"):
+        measured(driven_by(np.ones(len(TIMES)), name, told), "servo_torque")
+
+
+@pytest.mark.parametrize("torque", [0.0, 0.2])
+def test_servos_that_give_no_power_have_no_efficiency(torque: float) -> None:
+    found = measured(driven_by(np.full(len(TIMES), torque)), "power", "efficiency")
+    assert found["power"] == pytest.approx(-2.0 * torque)
+    assert math.isnan(found["efficiency"])
+
+
+def test_a_swim_that_is_straight_where_it_is_steady_has_no_radius() -> None:
+    straight = record(yaw=lambda time: 5.0 if time < 1.5 else 0.0)
+    assert measured(straight, "turning_rate")["turning_rate"] == 0.0
+    assert math.isnan(measured(straight, "turning_radius")["turning_radius"])
+
+
+def test_why_a_swim_has_none_of_two_measures_is_told_of_both() -> None:
+    why = "servos that take up power have no efficiency; without a turn there is no turning radius"
+    assert why_none({"efficiency": math.nan, "power": 1.0, "turning_radius": math.nan}) == why
+    assert why_none({"power": 1.0}) == ""
+
+
+def test_a_window_of_one_beat_is_steady_as_a_whole() -> None:
+    one = record(measurement=Measurement(1.0, 2.5, block=2.5))
+    assert measured(one, "steady_speed")["steady_speed"] == pytest.approx((0.25 + 0.45) / 2.5, rel=1e-4)
+
+
+def test_what_is_no_number_in_the_steady_part_is_named() -> None:
+    no_yaw = record(yaw=lambda time: math.nan if time == 3.0 else 0.5)
+    with pytest.raises(ScoreError, match=r"^velocity tells no yaw rate$"):
+        measured(no_yaw, "turning_rate")
+    swim = record()
+    thrust = [*swim.thrust[:300], wrench(START + 300 * STEP, math.nan), *swim.thrust[301:]]
+    with pytest.raises(ScoreError, match=r"^thrust tells no force$"):
+        measured(SwimRecord(**{**swim.__dict__, "thrust": thrust}), "thrust")
 
 
 def test_a_velocity_without_a_yaw_rate_turns_at_no_rate_that_is_known() -> None:

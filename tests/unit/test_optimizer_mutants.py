@@ -173,6 +173,13 @@ EQUIVALENT = {
         "start_of_swim: '' -> 'another'": "neither is a number",
         "refuse_folded: 0.0 -> 1.0": "a hinge at 1 rad is no folded one either",
     },
+    "score/measured": {
+        "energy_per_metre: self.mean_speed > 0.0 -> self.mean_speed >= 0.0": (
+            "no mean is exactly 0: a speed that stays at 0 is refused before"
+        ),
+        "steady_speed: 'velocity' -> 'another'": "what velocity lacks was refused for the mean speed before",
+        "steady_speed: 'no speed' -> 'another'": "likewise",
+    },
     "score/mean_speed": {
         "_check_gaps: 0 -> 1": "a gap of one nanosecond",
         "__init__: super().__init__(reason) -> pass": "an exception keeps what it was made from before that",
