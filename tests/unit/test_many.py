@@ -72,6 +72,7 @@ def test_many_are_judged_as_each_alone(
     alone = [place for place, row in enumerate(numbers.tolist()) if found.space.judge(found.space.values(row))]
     assert found.space.refused(numbers).tolist() == alone
     assert 0 < len(alone) < len(numbers)
+    assert found.space.refused(numbers[:1]).tolist() == [0] * (0 in alone)
 
 
 @pytest.mark.parametrize(("joints", "searched", "condition", "more"), SPACES)

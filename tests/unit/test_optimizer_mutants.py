@@ -116,6 +116,12 @@ EQUIVALENT = {
             "the errors are as many and as large the other way round"
         ),
     },
+    "search/many": {
+        "columns_of: len(gait.joints) > 1 and set(searched) & set(names.WHOLE) -> "
+        "len(gait.joints) > 1 or set(searched) & set(names.WHOLE)": "one by one is right too, it only takes its time",
+        "columns_of: len(gait.joints) > 1 -> len(gait.joints) >= 1": "likewise",
+        "columns_of: True -> False": "there are as many columns as parameters",
+    },
     "search/algorithms": {
         "_can: not choices -> choices": (
             "the one that cannot choose has one objective only: it is in no list of those that can"

@@ -47,7 +47,7 @@ class Columns:
     def met(self, conditions: Sequence[Condition]) -> NDArray[np.bool_]:
         """Return which candidates can be built and meet plain conditions, shape (n,)."""
         good = fins_accepted(self.fins)
-        numbers = self.numbers if conditions else {}
+        numbers = self.numbers
         for condition in conditions:
             good = good & condition.met(numbers)
         return good
@@ -107,7 +107,7 @@ def _one_by_one(
     space: Space, rules: Rules, start: Mapping[str, Any], numbers: NDArray[np.float64], *, own_gaits: bool
 ) -> Columns:
     sent = [rules.sent(start, space.values(row)) for row in numbers.tolist()]
-    wanted = [*FIN_PARAMETERS, *(name for name in names.WHOLE if name in sent[0])]
+    wanted = [*FIN_PARAMETERS, *(set(names.WHOLE) & {*start, *space.names})]
     parameters = {name: np.array([each[name] for each in sent]) for name in wanted}
     gaits = np.array([gait_of(each).rows() for each in sent]) if own_gaits else gait_of(start)
     return Columns(parameters, gaits, len(numbers))
