@@ -157,6 +157,7 @@ EQUIVALENT = {
         "_make: 0 -> 1": "of what was refused: blocks are counted, one point more is none; the sequence's has a test",
     },
     "search/pareto": {
+        "front: -1 -> 1": "no later point dominates one before, whichever objective is the first to be sorted by",
         "ranks: _plane_ranks(objectives) if objectives.shape[1] == _PLANE else _general_ranks(objectives) -> "
         "_general_ranks(objectives)": "both find the same fronts, the one in less time",
     },
