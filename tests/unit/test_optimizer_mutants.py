@@ -66,7 +66,11 @@ TESTS = {
     "search/random_search": ["test_spread_and_tpe.py", "test_searches.py"],
     "search/tpe": ["test_spread_and_tpe.py", "test_searches.py"],
     "search/cma_es": ["test_genetic.py", "test_space.py"],
-    "plan": ["test_plan.py"],
+    "plan": [
+        "test_plan.py",
+        "test_space_file.py::test_the_short_form_beside_a_file_is_refused",
+        "test_space_file.py::test_a_study_goes_on_with_its_copy_and_refuses_another_file",
+    ],
     "score/swim": ["test_swim_score.py", "test_measured.py"],
     "score/measured": ["test_measured.py", "test_swim_score.py"],
     "score/mean_speed": ["test_score_limits.py", "test_score.py"],

@@ -12,6 +12,7 @@ from fin_optimizer.goals import Goals
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.score.mean_speed import Measurement
+from fin_optimizer.search.cloud_search import CloudSearch
 from fin_optimizer.search.cma_es import CmaEs
 from fin_optimizer.search.genetic import GeneticAlgorithm
 from fin_optimizer.search.hill_climber import HillClimber
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 PAPER: dict[str, object] = {"seed": 7, "gait.amplitude": 0.2, "gait.frequency": 1.6}
 STIFFNESS = Dimension("fin.young_modulus", 0.5e9, 4e9, unit="Pa")
 SHAPE: dict[str, object] = {"search.length.minimum": 0.05, "search.length.maximum": 0.12}
+OLDER: dict[str, object] = {"fin.hinges": "between"}
 PROFILE = {"fin.profile_position": [0.25, 0.6], "fin.profile_height": [0.03, 0.018]}
 
 
@@ -175,6 +177,8 @@ def test_the_search_asked_for_is_made_of_its_parameters(given: dict[str, object]
         ({"constraints": ["mean_speed >= 2 cm"]}, "another kind of unit: it is in m/s"),
         ({"constraints": ["mean_speed >= 3 cm/s", "mean_speed <= 2 cm/s"]}, "contradict each other"),
         ({"constraints": ["mean_speed >= 2 m/s"]}, "no swim has a score beyond measurement.largest_speed = 1 m/s"),
+        ({"constraints": ["steady_speed >= 2 m/s"]}, "no swim has a score beyond measurement.largest_speed = 1 m/s"),
+        ({"gait.amplitude": 0.0}, "the gait moves no joint"),
         ({"search.algorithm": "genetic", "objective": "speed_and_cost_of_transport"}, "knows one objective only"),
         ({"search.algorithm": "cma_es"}, "CMA-ES needs at least 2 parameters"),
         ({"plants": ["fish"]}, "plants has 'fish': give namespaces like /tank_a/fish"),
@@ -185,3 +189,85 @@ def test_the_search_asked_for_is_made_of_its_parameters(given: dict[str, object]
 def test_parameters_that_do_not_fit_together_are_refused(given: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked(given))
+
+
+def test_what_a_swim_may_reach_or_stay_below_is_no_contradiction() -> None:
+    allowed = ["mean_speed >= 1 m/s", "steady_speed <= 2 m/s", "power >= 2 W"]
+    asked = StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({"constraints": allowed}))
+    assert [each.text for each in asked.settings.goals.constraints] == allowed
+
+
+@pytest.mark.parametrize("objective", ["power", "mean_speed,power"])
+def test_a_cloud_of_fish_knows_speeds_only(objective: str) -> None:
+    with pytest.raises(ValueError, match=r"needs objective speed|one objective only"):
+        StudyPlan.from_parameters(OPTIMIZER_PARAMETERS.checked({"objective": objective, "search.algorithm": "cloud"}))
+
+
+def test_a_cloud_of_fish_swims_each_candidate_as_a_trial_does(tmp_path: Path) -> None:
+    window: dict[str, object] = {"measurement.settle": 1.5, "measurement.duration": 4.0}
+    made = plan(tmp_path, **window, **{"search.algorithm": "cloud", "gait.amplitude": 0.2}).search
+    assert isinstance(made, CloudSearch)
+    assert (made.settle, made.duration) == (1.5, 4.0)
+    fin, gait = made.swum({"fin.young_modulus": 1e9, "fin.length": 0.1})
+    assert [fin.young_modulus, fin.length, fin.height] == pytest.approx([1e9, 0.1, 0.08 * 0.025 / 0.1])
+    assert gait == Gait((JointDrive(0.2, 0.9),))
+
+
+GAITS = """
+search:
+  fin.length: {minimum: 40 mm, maximum: 120 mm, step: 5 mm}
+  fin.height: {minimum: 20 mm, maximum: 21 mm, step: 0.5 mm}
+  gait.amplitude: {minimum: 0.1 rad, maximum: 0.3 rad}
+  gait.frequency: {choices: [1 Hz, 2 Hz, 1.5 Hz]}
+"""
+
+
+def test_a_space_of_a_file_is_searched_in_tenths_of_its_ranges_and_by_its_gaits(tmp_path: Path) -> None:
+    path = tmp_path / "gaits.yaml"
+    path.write_text(GAITS, encoding="utf-8")
+    values = OPTIMIZER_PARAMETERS.checked({"space": str(path), "seed": 3})
+    asked = StudyPlan.from_parameters(values)
+    assert isinstance(asked.search, HillClimber)
+    # A grid's ends lie half a step beyond its first and its last value.
+    tenths = {"fin.length": 0.0085, "fin.height": 0.0005, "gait.amplitude": 0.02}
+    assert asked.search.deviations == pytest.approx(tenths)
+    assert asked.gait == Gait((JointDrive(0.3, 2.0),))
+    candidate = {"fin.length": 0.07, "fin.height": 0.02, "gait.amplitude": 0.25, "gait.frequency": 1.5}
+    assert asked.gait_of(candidate) == Gait((JointDrive(0.25, 1.5),))
+    policy, details = asked.settings.policy, asked.settings.details
+    assert policy == Policy()
+    assert details["seed"] == 3
+    assert (details["fin.thickness"], details["measurement.duration"]) == (Fin().thickness, 10.0)
+    assert not {"objective", "trials", "repeats", "search.young_modulus.minimum"} & details.keys()
+    cloud = StudyPlan.from_parameters({**values, "search.algorithm": "cloud"}).search
+    assert isinstance(cloud, CloudSearch)
+    assert cloud.swum(candidate) == (Fin(length=0.07, height=0.02), Gait((JointDrive(0.25, 1.5),)))
+
+
+def test_every_candidate_of_the_short_form_swims_the_same_gait(tmp_path: Path) -> None:
+    asked = plan(tmp_path, **PAPER)
+    assert asked.gait_of({"fin.young_modulus": 1e9, "fin.length": 0.1}) == Gait((JointDrive(0.2, 1.6),))
+
+
+def test_the_plan_of_a_study_is_read_from_its_folder(tmp_path: Path) -> None:
+    begun = plan(tmp_path / "study", **PAPER)
+    begun.study().close()
+    there = StudyPlan.of_study(tmp_path / "study")
+    assert (there.settings, there.gait) == (begun.settings, begun.gait)
+    assert there.study_folder == str(tmp_path / "study")
+    take_off_check_sums(tmp_path / "study")
+    settings = json.loads((tmp_path / "study" / "study.json").read_text())
+    settings["details"]["fin.area"] = 0.003
+    (tmp_path / "study" / "study.json").write_text(json.dumps(settings))
+    with pytest.raises(ValueError, match=r"begun by a version with other settings: fin\.area is 0\.003 there"):
+        StudyPlan.of_study(tmp_path / "study")
+
+
+def test_a_study_goes_on_with_what_was_the_default_when_it_was_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan(tmp_path, **OLDER).study().close()
+    assert plan(tmp_path).settings.details["fin.hinges"] == "between"
+    assert plan(tmp_path / "another").settings.details["fin.hinges"] == "midpoint"
+    monkeypatch.chdir(tmp_path)
+    assert plan(tmp_path, study_folder="").settings.details["fin.hinges"] == "midpoint", "of a new study"
