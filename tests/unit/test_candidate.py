@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -94,3 +95,14 @@ def test_the_front_is_shown_from_the_fastest_on() -> None:
     goals = Goals.of_objective("speed_and_cost_of_transport")
     tried = [replace(with_scores(score, number=n), goals=goals) for n, score in enumerate((1.0, 3.0, None, 2.0))]
     assert [each.number for each in front(tried)] == [1, 3, 0]
+
+
+def test_without_a_score_a_candidate_is_behind_all_others_and_misses_nothing() -> None:
+    goals = Goals.of(["mean_speed"], ["energy_per_metre <= 20 J/m"])
+    at_the_limit, beyond, none, too = (
+        replace(with_scores(score, number=n), goals=goals) for n, score in enumerate((2.0, 2.5, None, None))
+    )
+    assert sorted([too, beyond, none, at_the_limit], key=rank, reverse=True) == [at_the_limit, beyond, none, too]
+    assert rank(too) == (-math.inf, -math.inf, -3)
+    assert [each.missed_measures for each in (at_the_limit, beyond, none)] == [[], ["energy_per_metre"], []]
+    assert [len(each.missed) for each in (at_the_limit, beyond, none)] == [0, 1, 0]
