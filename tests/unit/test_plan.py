@@ -225,7 +225,7 @@ search:
 def test_a_space_of_a_file_is_searched_in_tenths_of_its_ranges_and_by_its_gaits(tmp_path: Path) -> None:
     path = tmp_path / "gaits.yaml"
     path.write_text(GAITS, encoding="utf-8")
-    values = OPTIMIZER_PARAMETERS.checked({"space": str(path), "seed": 3})
+    values = OPTIMIZER_PARAMETERS.checked({"space": str(path), "seed": 3, "repeats": 3})
     asked = StudyPlan.from_parameters(values)
     assert isinstance(asked.search, HillClimber)
     # A grid's ends lie half a step beyond its first and its last value.
@@ -235,7 +235,7 @@ def test_a_space_of_a_file_is_searched_in_tenths_of_its_ranges_and_by_its_gaits(
     candidate = {"fin.length": 0.07, "fin.height": 0.02, "gait.amplitude": 0.25, "gait.frequency": 1.5}
     assert asked.gait_of(candidate) == Gait((JointDrive(0.25, 1.5),))
     policy, details = asked.settings.policy, asked.settings.details
-    assert policy == Policy()
+    assert policy == Policy(repeats=3)
     assert details["seed"] == 3
     assert (details["fin.thickness"], details["measurement.duration"]) == (Fin().thickness, 10.0)
     assert not {"objective", "trials", "repeats", "search.young_modulus.minimum"} & details.keys()
