@@ -36,6 +36,8 @@ pytestmark = pytest.mark.graph
 SHORT = ("measurement.duration:=1.0",)
 NEUTRAL = 1500.0
 """us, of the example robot."""
+END_SECONDS = 180.0
+"""A kernel that is being compiled, on a machine that is busy, is neither interrupted nor quick."""
 
 
 class Board(Firmata):
@@ -105,7 +107,7 @@ def test_a_study_whose_reader_has_seen_enough_runs_to_its_end(
     lines = [reader.readline(), reader.readline()]
     reader.close()
     assert lines[1].startswith(b"trial 0000")
-    assert study.wait(60) == 0
+    assert study.wait(END_SECONDS) == 0
     assert outcomes(folder) == [Outcome.OK] * 8
     assert (folder / "speed_over_modulus.png").exists()
     said = (tmp_path / "errors").read_text()
@@ -117,7 +119,7 @@ def test_a_study_whose_reader_has_seen_enough_runs_to_its_end(
 def test_a_study_whose_log_is_on_a_full_disk_runs_to_its_end(bringup: StartBringup, folder: Path) -> None:
     with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
         study = bringup("trials:=2", *SHORT, stdout=full.fileno(), stderr=full.fileno())
-    assert study.wait(60) == 0
+    assert study.wait(END_SECONDS) == 0
     assert outcomes(folder) == [Outcome.OK] * 2
 
 
@@ -132,7 +134,7 @@ def test_a_study_on_a_terminal_that_goes_away_without_a_word_runs_to_its_end(
     swum = folder / "bags"
     wait_until(lambda: list(swum.glob("trial_0001_*")), 30, "the second trial", lambda: os.read(master, 4096))
     os.close(master)
-    assert study.wait(60) == 0
+    assert study.wait(END_SECONDS) == 0
     assert outcomes(folder) == [Outcome.OK] * 4
 
 
@@ -141,9 +143,11 @@ def test_a_terminal_that_is_closed_ends_a_study_in_order(bringup: StartBringup, 
     study = bringup("trials:=1000", "speed:=4", stdout=slave, stderr=slave, terminal=slave)
     os.close(slave)
     swum = folder / "bags"
-    wait_until(lambda: list(swum.glob("trial_0000_*/*.mcap")), 30, "the first swim", lambda: os.read(master, 4096))
+    wait_until(
+        lambda: list(swum.glob("trial_0000_*/*.mcap")), END_SECONDS, "the first swim", lambda: os.read(master, 4096)
+    )
     os.close(master)
-    assert study.wait(30) == 129
+    assert study.wait(END_SECONDS) == 129
     check_an_orderly_end(folder)
 
 
@@ -162,7 +166,7 @@ def test_without_a_reader_ctrl_c_still_leads_a_robots_tail_to_neutral(
         person.wait_until(lambda: person.diagnostic("gaits_refused") == "1", "a warning that nobody reads")
         person.wait_until(lambda: swims(person) and board.widths[-1] > NEUTRAL + 100.0, "a stroke")
         study.send_signal(signal.SIGINT)
-        assert study.wait(60) == 130
+        assert study.wait(END_SECONDS) == 130
         wait_until(lambda: not board.outputs, 30.0, "no more pulses")
         assert board.widths[-1] == NEUTRAL
     check_an_orderly_end(folder)
