@@ -71,17 +71,22 @@ def computed_again(space: Path, folder: Path) -> list[Values]:
     return [plan.search.propose(history[:number]) for number in range(len(history))]
 
 
+def check_candidates_after_kills(start: Start, tmp_path: Path, trials: int, plant: str, seconds: float) -> list[Values]:
+    """Kill a study twice, see that its candidates are those of an undisturbed one, and return them."""
+    space, folder = tmp_path / "space.yaml", tmp_path / "study"
+    space.write_text(SPACE)
+    killed_twice(start, words_of(space, folder, trials, plant), folder, trials, seconds)
+    swum = [candidate.values for candidate in candidates(read_trials(folder))]
+    assert swum == computed_again(space, folder)
+    return swum
+
+
 @pytest.mark.long
 @pytest.mark.timeout(400)
 def test_a_simulated_study_that_is_killed_twice_has_the_candidates_of_an_undisturbed_one(
     start: Start, tmp_path: Path
 ) -> None:
-    space, folder = tmp_path / "space.yaml", tmp_path / "study"
-    space.write_text(SPACE)
-    trials = FIRST + 3
-    killed_twice(start, words_of(space, folder, trials, "sim"), folder, trials, 150.0)
-    swum = [candidate.values for candidate in candidates(read_trials(folder))]
-    assert swum == computed_again(space, folder)
+    check_candidates_after_kills(start, tmp_path, FIRST + 3, "sim", 150.0)
 
 
 @pytest.mark.long
@@ -102,10 +107,5 @@ def test_a_rehearsed_study_that_is_killed_twice_has_the_candidates_of_an_undistu
     start: Start, tmp_path: Path
 ) -> None:
     """Rehearsed swims scatter as a robot's do, so an undisturbed study is one that measured the same."""
-    space, folder = tmp_path / "space.yaml", tmp_path / "study"
-    space.write_text(SPACE)
-    trials = FIRST + 4
-    killed_twice(start, words_of(space, folder, trials, "rehearsal"), folder, trials, 400.0)
-    swum = [candidate.values for candidate in candidates(read_trials(folder))]
-    assert swum == computed_again(space, folder)
+    swum = check_candidates_after_kills(start, tmp_path, FIRST + 4, "rehearsal", 400.0)
     assert len({value["stock"] for value in swum}) == 3

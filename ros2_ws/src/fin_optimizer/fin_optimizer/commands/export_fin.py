@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -254,7 +253,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     for piece in layout.pieces:
         sys.stdout.write(f"{', '.join(piece.blank.label)}\n")
-    sys.stdout.writelines(f"drawing: {os.fspath(path)}\n" for path in done)
+    sys.stdout.writelines(f"drawing: {path}\n" for path in done)
     return 0
 
 

@@ -19,6 +19,8 @@ from fin_plant.paths import given_path
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from fin_optimizer.calibration.errors import Errors
+
 _BAD_INPUT, _INTERRUPTED = 2, 130
 _WINDOWS = (
     "Errors in true time: of the mean forward speed over the last 2 s and of the mean turning rate from the end of "
@@ -96,12 +98,12 @@ def _run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _table(names: Sequence[str], found: Sequence[object], shown: float) -> None:
+def _table(names: Sequence[str], found: Sequence[Errors], shown: float) -> None:
     from fin_optimizer.calibration.errors import KINDS, medians_and_90  # noqa: PLC0415
 
     width = max(len("90th percentile"), *map(len, names))
     sys.stdout.write(f"first {shown:g} s given\n{'swim'.ljust(width)}  speed   turning  position\n")
-    told = medians_and_90(found)  # type: ignore[arg-type]
+    told = medians_and_90(found)
     rows = [(name, [getattr(each, kind) for kind in KINDS]) for name, each in zip(names, found, strict=True)]
     for name, key in (("median", "median"), ("90th percentile", "p90")):
         rows.append((name, [told[key][kind] for kind in KINDS]))

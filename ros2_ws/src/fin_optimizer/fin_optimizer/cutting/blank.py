@@ -5,7 +5,7 @@ Everything in a drawing is in mm: x runs from the fin's root to its tip, y upwar
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fin_plant import checks
@@ -68,7 +68,7 @@ class Blank:
     stations: tuple[Point, ...]
     holes: tuple[Point, ...]
     clamp: Clamp
-    label: tuple[str, ...] = field(default=())
+    label: tuple[str, ...] = ()
 
     @property
     def length(self) -> float:

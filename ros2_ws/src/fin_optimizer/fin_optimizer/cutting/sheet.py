@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from fin_optimizer.cutting.blank import Blank, Point
 
 LONGEST_EDGE = 5000.0
+_ROUNDING = 1.0 + 1e-9
+"""By which sums of lengths may be larger than a sheet that they fill."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +81,6 @@ def nested(blanks: Sequence[Blank], sheet: tuple[float, float], gap: float) -> L
         )
         raise ValueError(msg)
     return Layout(width, height, tuple(pieces[number] for number in sorted(pieces)))
-
-
-_ROUNDING = 1.0 + 1e-9
 
 
 def _refuse_larger(each: Blank, sheet: tuple[float, float], gap: float) -> None:
