@@ -360,13 +360,13 @@ def test_the_emergency_stop_is_at_once_and_latched(driver: StartedProcess, clien
 def test_the_emergency_stop_does_not_wait_for_a_tail_that_is_led_to_neutral(
     start: Callable[..., StartedProcess], client: RobotClient, tmp_path: Path, transition: int
 ) -> None:
-    joint = {"channel": 9, "centre": 1500, "direction": 1, "units_per_radian": 573, "lowest": 1400, "highest": 1600}
+    joint = {"channel": 9, "centre": 1500, "direction": -1, "units_per_radian": 573, "lowest": 1400, "highest": 1600}
     robot = robot_with(tmp_path, joints=[{**joint, "rate": 0.045}])  # back at neutral after four seconds
     with plugged_in(Recorder(), tmp_path) as port:
         start_driver(start, f"robot_file:={robot}")
         client.make_ready()
         client.publish_gait(gait_message([[0.0, 0.9, 0.0, 0.15]]), repeat=True)
-        client.wait_until(lambda: max(recorder(port).widths, default=0.0) > 1570.0, "the way to the left")
+        client.wait_until(lambda: max(recorder(port).widths, default=0.0) > 1570.0, "the way to the right")
         ended = client.ask_for_state(transition)
         client.wait_until(lambda: recorder(port).widths[-1] < max(recorder(port).widths), "the way back")
         assert pulses(port)

@@ -41,7 +41,7 @@ def run_all(
         for number, joint in enumerate(joints):
             left, right = outputs[joint.left], outputs[joint.right]
             assert not (left and right), "both on"
-            new = int(left - right)
+            new = int(right - left)
             if new != levels[number]:
                 changes[number].append((now, new))
                 levels[number] = new
@@ -137,7 +137,7 @@ def test_the_robots_relays_are_asked_at_each_tick_for_what_the_simulated_ones_do
 @pytest.mark.parametrize("amplitude", [0.3, 0.6, 0.9])
 def test_the_duty_is_that_of_the_formula(amplitude: float) -> None:
     changes = run(JointDrive(amplitude * STROKE, 0.5), 60.5)
-    on = sum(end - begin for (begin, level), (end, _) in itertools.pairwise(changes) if level == LEFT and begin > 0.5)
+    on = sum(end - begin for (begin, level), (end, _) in itertools.pairwise(changes) if level == RIGHT and begin > 0.5)
     expected = 2.0 * math.asin(amplitude) / (2.0 * math.pi)
     assert on / 60.0 == pytest.approx(expected, abs=0.012)  # a tick of each window
 
@@ -145,9 +145,9 @@ def test_the_duty_is_that_of_the_formula(amplitude: float) -> None:
 def test_the_window_is_centred_on_the_peak() -> None:
     changes = [(now, level) for now, level in run(JointDrive(0.7 * STROKE, 0.5), 20.0) if now > 2.0]
     for (begin, level), (end, _) in itertools.pairwise(changes[:-1]):
-        if level == LEFT:
-            assert ((begin + end) / 2.0) % 2.0 == pytest.approx(0.5, abs=PERIOD)
         if level == RIGHT:
+            assert ((begin + end) / 2.0) % 2.0 == pytest.approx(0.5, abs=PERIOD)
+        if level == LEFT:
             assert ((begin + end) / 2.0) % 2.0 == pytest.approx(1.5, abs=PERIOD)
 
 
@@ -157,7 +157,7 @@ def test_a_bias_makes_one_side_longer() -> None:
         side: sum(end - begin for (begin, level), (end, _) in itertools.pairwise(changes) if level == side)
         for side in (LEFT, RIGHT)
     }
-    assert times[LEFT] > 2.0 * times[RIGHT] > 0.0
+    assert times[RIGHT] > 2.0 * times[LEFT] > 0.0
 
 
 def test_no_amplitude_means_off() -> None:
@@ -166,7 +166,7 @@ def test_no_amplitude_means_off() -> None:
 
 def test_a_side_is_never_switched_with_no_duty() -> None:
     records = run_all([JointDrive(0.5 * STROKE, 0.5, 0.0, side * 0.5 * STROKE) for side in (1.0, -1.0)], 20.0)
-    assert [{level for _, level in record[:-1]} for record in records] == [{OFF, LEFT}, {OFF, RIGHT}]
+    assert [{level for _, level in record[:-1]} for record in records] == [{OFF, RIGHT}, {OFF, LEFT}]
 
 
 def test_a_coil_that_is_held_is_released_and_stays_so_until_it_is_wanted_anew() -> None:
@@ -193,7 +193,7 @@ def test_a_tail_that_is_stopped_has_all_off_at_once() -> None:
     motion = RelayMotion([RelayJoint(1, 2, STROKE)], TIMING, PERIOD)
     motion.restart(0.0, {})
     motion.command(Gait((JointDrive(STROKE, 0.5),)), 0.0)
-    assert any(motion.outputs(now, 1.0)[1] for now in (0.4, 0.41))
+    assert any(motion.outputs(now, 1.0)[2] for now in (0.4, 0.41))
     assert motion.outputs(0.42, 0.999) == {1: 0.0, 2: 0.0} == motion.neutral()
 
 

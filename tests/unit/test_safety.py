@@ -15,7 +15,7 @@ from fin_servo_driver.robot_file import ServoJoint
 from fin_servo_driver.safety import CommandWatchdog, SetPointLimiter, within_angle, within_rate
 
 JOINT = ServoJoint(
-    channel=9, centre=1500, direction=1, units_per_radian=1000, lowest=1300, highest=1800, sweep=0.4, rate=2.0
+    channel=9, centre=1500, direction=-1, units_per_radian=1000, lowest=1300, highest=1800, sweep=0.4, rate=2.0
 )
 PERIOD = 0.02
 TOLERANCE = 1e-12  # rounding of a few operations on numbers of the order of 1
@@ -72,10 +72,10 @@ def test_the_smallest_time_allows_motion() -> None:
     assert within_rate(1.0, 0.0, 2.0, 1e-6, 0.04) == pytest.approx(2e-6, rel=1e-12)
 
 
-def test_a_set_point_is_centre_plus_direction_times_scale_times_angle() -> None:
+def test_a_set_point_is_centre_minus_direction_times_scale_times_angle() -> None:
     assert moved_to(0.1).limit(0.1, PERIOD).position == 1600.0
     assert moved_to(-0.1).limit(-0.1, PERIOD).position == 1400.0
-    reversed_joint = replace(JOINT, direction=-1)
+    reversed_joint = replace(JOINT, direction=1)
     assert moved_to(0.1, reversed_joint).limit(0.1, PERIOD).position == 1400.0
     other = replace(JOINT, centre=1450, units_per_radian=500)
     assert moved_to(0.2, other).limit(0.2, PERIOD).position == 1550.0
@@ -88,7 +88,7 @@ def test_the_range_of_the_servo_holds_and_the_angle_tells_the_truth() -> None:
     high = moved_to(0.39).limit(0.39, PERIOD)
     assert (high.position, high.limited) == (1800.0, True)
     assert high.angle == pytest.approx(0.3, abs=TOLERANCE)
-    mirrored = moved_to(0.39, replace(JOINT, direction=-1)).limit(0.39, PERIOD)
+    mirrored = moved_to(0.39, replace(JOINT, direction=1)).limit(0.39, PERIOD)
     assert mirrored.position == 1300.0
     assert mirrored.angle == pytest.approx(0.2, abs=TOLERANCE)
     scaled = moved_to(0.39, replace(JOINT, units_per_radian=2000)).limit(0.39, PERIOD)

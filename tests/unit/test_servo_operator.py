@@ -251,7 +251,8 @@ def test_centre_scale_direction_and_range_come_from_what_is_measured() -> None:
     assert subject.joint.direction == -1
     assert subject.joint.units_per_radian == pytest.approx(150.0 / math.radians(15.0))
     assert (subject.joint.lowest, subject.joint.highest) == (1250.0, 1650.0)
-    assert subject.joint.angle_at(1300.0) == pytest.approx(math.radians(15.0))
+    assert subject.joint.angle_at(1300.0) == pytest.approx(-math.radians(15.0))
+    assert subject.summary().endswith("degrees to the right")
 
 
 @pytest.mark.parametrize(

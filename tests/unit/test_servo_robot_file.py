@@ -7,8 +7,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from fin_plant.fin import Fin
+from fin_plant.fish_model import BodyShape, robot_links, urdf
+from fin_plant.frames import Frames, Pose
+from fin_plant.gait import Gait, JointDrive
 from fin_servo_driver import backends, robot_file
-from fin_servo_driver.robot_file import ServoJoint
+from fin_servo_driver.relay import RelayMotion
+from fin_servo_driver.robot_file import RelayJoint, RelayTiming, ServoJoint
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -134,7 +139,22 @@ def test_the_reach_of_a_joint_is_its_sweep_or_what_the_servo_allows() -> None:
     assert ServoJoint(9, 1500, 1, 1000, 1000, 2000, sweep=0.3).reachable == pytest.approx(0.3)
 
 
+def test_a_positive_angle_is_to_the_right_in_frames_servos_and_relays() -> None:
+    frames = Frames.from_urdf(urdf(BodyShape(), robot_links(Fin(), 1)))
+    angle = 0.2
+    tail = frames.shapes(Pose(0.0, 0.0, 0.0, 0.0), [angle])[-1]
+    assert tail.pose.y < 0.0, "y is to the left"
+    turns_left = ServoJoint(9, 1500, 1, 1000, 1300, 1700)
+    assert turns_left.position_at(angle) == pytest.approx(1300.0)
+    motion = RelayMotion([RelayJoint(1, 2, angle)], RelayTiming(), 0.01)
+    motion.restart(0.0, {})
+    motion.command(Gait((JointDrive(angle, 0.5),)), 0.0)
+    assert motion.outputs(0.5, 1.0) == {1: 0.0, 2: 1.0}
+    assert motion.angles == [angle]
+
+
 def test_angle_at_a_position_is_the_inverse_of_the_calibration() -> None:
     joint = ServoJoint(9, 1500, -1, 1000, 1300, 1700)
     assert joint.angle_at(1500) == 0.0
-    assert joint.angle_at(1600) == pytest.approx(-0.1)
+    assert joint.angle_at(1600) == pytest.approx(0.1)
+    assert joint.position_at(0.1) == pytest.approx(1600)

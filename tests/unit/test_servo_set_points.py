@@ -20,7 +20,7 @@ from fin_servo_driver.tail import LONGEST_STOP, Command, Phase, Settings, Tail
 RATE = 50.0
 PERIOD = 1.0 / RATE
 JOINT = ServoJoint(
-    channel=9, centre=1500, direction=1, units_per_radian=573, lowest=1200, highest=1800, sweep=0.27, rate=6.0
+    channel=9, centre=1500, direction=-1, units_per_radian=573, lowest=1200, highest=1800, sweep=0.27, rate=6.0
 )
 STILL = carangiform(0.0, 0.9)
 TIMEOUT = 0.5
@@ -118,8 +118,8 @@ def test_two_joints_keep_their_lag() -> None:
     subject.command(Gait((JointDrive(0.1, 1.0), JointDrive(0.2, 1.0, -0.5))), 0.0)
     for now in np.arange(0.0, 2.0, PERIOD):
         outputs = subject.outputs(float(now), 1.0)
-    assert outputs[2] == pytest.approx(1500 + 573 * 0.1 * math.sin(2 * math.pi * now))
-    assert outputs[3] == pytest.approx(1480 - 600 * 0.2 * math.sin(2 * math.pi * now - 0.5))
+    assert outputs[2] == pytest.approx(1500 - 573 * 0.1 * math.sin(2 * math.pi * now))
+    assert outputs[3] == pytest.approx(1480 + 600 * 0.2 * math.sin(2 * math.pi * now - 0.5))
 
 
 def test_a_start_with_measured_positions_leads_from_there_at_the_joints_rate() -> None:

@@ -61,7 +61,9 @@ class Topic(Generic[MessageT]):
 
 GAIT = Topic("gait", Float64MultiArray, LATEST, "gait asked for; repeat at 2 Hz or more")
 GAIT_APPLIED = Topic("gait_applied", Float64MultiArray, LATCHED, "gait after the limits")
-JOINT_STATES = Topic("joint_states", JointState, STREAM, "angles, rates and servo torques of tail and fin")
+JOINT_STATES = Topic(
+    "joint_states", JointState, STREAM, "angles (positive: to the right), rates and servo torques of tail and fin"
+)
 POSE = Topic("pose", PoseStamped, STREAM, "pose of base_link in tank")
 VELOCITY = Topic("velocity", TwistStamped, STREAM, "velocity of base_link in base_link")
 THRUST = Topic("thrust", WrenchStamped, STREAM, "force of the water on the tail, in base_link")

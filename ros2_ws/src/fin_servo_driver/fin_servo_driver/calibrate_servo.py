@@ -11,8 +11,8 @@ it at any time, and takes the force away. Commands, one a line:
   = N        move to N
   y          yes, also beyond the robot file's lowest and highest; each time
   c          the joint is straight here: this is the centre
-  a DEGREES  the joint stands at this angle, to the left positive: gives scale
-             and direction
+  a DEGREES  the joint stands so far to the left (with a minus: to the right):
+             gives scale and direction
   l, h       here is the lowest, highest position that the mechanism stands
   s          store and leave
   q          leave without storing

@@ -72,7 +72,7 @@ class Calibration:
             case "c":
                 self.joint = replace(self.joint, centre=self.position)
             case "a" if value is not None:
-                self._angle_is(math.radians(value))
+                self._stands_to_the_left_by(math.radians(value))
             case "l":
                 self.joint = replace(self.joint, lowest=self.position)
             case "h":
@@ -101,7 +101,7 @@ class Calibration:
         self.position = position
         return self.summary()
 
-    def _angle_is(self, angle: float) -> None:
+    def _stands_to_the_left_by(self, angle: float) -> None:
         change = self.position - self.joint.centre
         if abs(angle) < _SMALLEST_ANGLE or change == 0.0:
             msg = (
@@ -114,10 +114,11 @@ class Calibration:
     def summary(self) -> str:
         """Return what is known so far, in a line."""
         joint = self.joint
+        to_the_right = math.degrees(joint.angle_at(self.position))
         return (
             f"at {self.position:g}: centre {joint.centre:g}, {joint.units_per_radian:.1f} a rad, "
             f"direction {joint.direction}, range {joint.lowest:g} to {joint.highest:g}, "
-            f"this is {math.degrees(joint.angle_at(self.position)):.1f} degrees"
+            f"this is {abs(to_the_right):.1f} degrees to the {'right' if to_the_right > 0.0 else 'left'}"
         )
 
 

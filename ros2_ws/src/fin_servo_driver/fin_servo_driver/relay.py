@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from fin_servo_driver.robot_file import RelayJoint, RelayTiming
     from fin_servo_driver.set_points import Outputs
 
-LEFT, OFF, RIGHT = 1, 0, -1
-"""As `GaitFollower.levels` has them."""
+LEFT, OFF, RIGHT = -1, 0, 1
+"""As `GaitFollower.levels` has them: a positive angle is to the right."""
 HIGHEST_FREQUENCY = 5.0
 """Hz. Half a beat is then 100 ms: a dead time of 30 to 50 ms and the shortest on-time of 50 ms still fit in. What a
 robot's relays need beyond that lowers it."""

@@ -31,7 +31,8 @@ class ServoJoint:
     Attributes:
         channel: Pin, channel or id on the device.
         centre: Position of the servo at which the joint is straight, in the device's unit (us of pulse, ticks).
-        direction: 1 if a larger position turns the tail to the left (positive angle), else -1.
+        direction: 1 if a larger position turns the tail to the left, else -1. Angles are positive to the right, as
+            REP 103 has it for a link that points to the rear.
         units_per_radian: Change of position for a change of angle.
         lowest: Smallest position that is ever sent.
         highest: Largest position that is ever sent.
@@ -82,7 +83,11 @@ class ServoJoint:
 
     def angle_at(self, position: float) -> float:
         """Return the joint's angle in rad at a servo's position."""
-        return self.direction * (position - self.centre) / self.units_per_radian
+        return self.direction * (self.centre - position) / self.units_per_radian
+
+    def position_at(self, angle: float) -> float:
+        """Return the servo's position at a joint's angle in rad, whether the servo reaches it or not."""
+        return self.centre - self.direction * self.units_per_radian * angle
 
     @property
     def channels(self) -> tuple[int, ...]:
@@ -95,8 +100,8 @@ class RelayJoint:
     """A joint pulled to either side by a relay.
 
     Attributes:
-        left: Channel of the relay that pulls the tail to the left (positive angle).
-        right: Channel of the relay that pulls it to the right.
+        left: Channel of the relay that pulls the tail to the left.
+        right: Channel of the relay that pulls it to the right (positive angle).
         stroke: Angle of the full stroke, rad: a gait of this amplitude switches with full duty.
 
     Raises:

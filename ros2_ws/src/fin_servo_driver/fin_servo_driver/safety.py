@@ -52,10 +52,10 @@ class SetPointLimiter:
         """Return the set-point nearest to ``angle`` rad that is allowed ``elapsed`` s after the last one."""
         allowed = within_angle(angle, self._joint.sweep)
         allowed = within_rate(allowed, self._last, self._joint.rate, elapsed, self._longest_elapsed)
-        position = self._joint.centre + self._joint.direction * self._joint.units_per_radian * allowed
+        position = self._joint.position_at(allowed)
         inside = min(max(position, self._joint.lowest), self._joint.highest)
         if inside != position:
-            allowed = self._joint.direction * (inside - self._joint.centre) / self._joint.units_per_radian
+            allowed = self._joint.angle_at(inside)
         self._last = allowed
         return SetPoint(allowed, inside, limited=allowed != angle)
 

@@ -23,8 +23,7 @@ def device_for(robot: Robot, angle_of: Callable[[int], float]) -> devices.Device
     servos = {joint.channel: index for index, joint in enumerate(robot.servos)}
 
     def present(servo: int) -> float:
-        joint = robot.servos[servos[servo]]
-        return joint.centre + joint.direction * joint.units_per_radian * angle_of(servos[servo])
+        return robot.servos[servos[servo]].position_at(angle_of(servos[servo]))
 
     makers: dict[str, Callable[[], devices.Device]] = {
         "dynamixel": lambda: devices.Dynamixel(list(servos), present),
@@ -49,5 +48,5 @@ def targets(robot: Robot, device: devices.Device) -> list[float | None]:
             result.append(None if position is None else joint.angle_at(position))
         else:
             left, right = (device.outputs.get(channel) or 0.0 for channel in joint.channels)
-            result.append(joint.stroke * (left - right))
+            result.append(joint.stroke * (right - left))
     return result
