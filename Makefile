@@ -70,5 +70,5 @@ pages: setup ## write docs/parameters.md from the nodes' parameter tables
 .PHONY: clean
 clean: ## remove what the set-up made: packages, the built workspace, caches; runs/ stays
 	rm -rf .venv .setup.lock .setup.log ros2_ws/build ros2_ws/install ros2_ws/log
-	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf ros2_ws/src/*/build ros2_ws/src/*/*.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find ros2_ws/src tests -name __pycache__ -prune -exec rm -rf {} +

@@ -61,7 +61,7 @@ def test_help_fits_the_screen_and_needs_no_ros_that_can_start(package: str, exec
 @pytest.mark.parametrize("node", NODES)
 def test_the_help_of_a_node_lists_every_parameter_that_it_has(node: str) -> None:
     (package,) = (package for package, executable in EXECUTABLES if executable == node)
-    text = usage(package, node, "A node.", node_table(package, node), 80)
+    text = usage("", "A node.", node_table(package, node), 80)
     module = importlib.import_module(f"{package}.{node}")
     declared = vars(module).get("PARAMETERS") or module.OPTIMIZER_PARAMETERS
     assert re.findall(r"^  ([a-z][a-z0-9_.]+): ", text, re.MULTILINE) == list(declared)
@@ -69,12 +69,12 @@ def test_the_help_of_a_node_lists_every_parameter_that_it_has(node: str) -> None
 
 def test_the_help_of_a_node_says_type_unit_default_range_meaning_and_what_is_fixed() -> None:
     words = "body.width: double, m, default 0.045, [0.005, 1] Width of the body. "
-    assert words in " ".join(usage("fin_sim", "simulator", "", node_table("fin_sim", "simulator"), 60).split())
-    rehearsal = " ".join(usage("", "", "", node_table("fin_servo_driver", "rehearsal"), 80).split())
+    assert words in " ".join(usage("", "", node_table("fin_sim", "simulator"), 60).split())
+    rehearsal = " ".join(usage("", "", node_table("fin_servo_driver", "rehearsal"), 80).split())
     assert "operator.acts: bool, default true Play the operator as well" in rehearsal
     assert "Factor on the simulator's drag. Fixed while the node runs." in rehearsal
     estimator = node_table("fin_servo_driver", "velocity_estimator")
-    assert "one of quaternion, yaw What the tracker" in " ".join(usage("", "", "", estimator, 80).split())
+    assert "one of quaternion, yaw What the tracker" in " ".join(usage("", "", estimator, 80).split())
 
 
 @pytest.mark.parametrize(

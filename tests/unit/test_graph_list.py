@@ -233,9 +233,11 @@ def test_an_executable_is_found_as_ros2_run_finds_it(tmp_path: Path, monkeypatch
     executable.write_text("#!/bin/sh\n")
     monkeypatch.setenv("AMENT_PREFIX_PATH", f"{tmp_path / 'first'}{os.pathsep}{tmp_path / 'second'}")
     with pytest.raises(FileNotFoundError, match=r"source install/setup\.bash"):
-        find_executable("fin_sim", "simulator")
+        find_executable("fin_sim", "dreamer")
+    by_its_entry_point = [sys.executable, "-P", "-m", "fin_plant.start", "fin_sim/simulator"]
+    assert find_executable("fin_sim", "simulator") == by_its_entry_point
     executable.chmod(0o755)
-    assert find_executable("fin_sim", "simulator") == executable
+    assert find_executable("fin_sim", "simulator") == [str(executable)]
 
 
 class Recorded:

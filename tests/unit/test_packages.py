@@ -18,9 +18,7 @@ from support.source_tree import PACKAGES, SOURCE, UNIT_TESTS, imported_packages,
 ROOT = SOURCE.parents[1]
 # Import name -> rosdep key, where they differ; None where rosdep has no key (package.xml says what to do then).
 ROSDEP_KEYS = {
-    "PIL": "python3-pil",
     "aiohttp": "python3-aiohttp",
-    "ament_index_python": "ament_index_python",
     "cmaes": None,
     "distributed": None,
     "dynamixel_sdk": None,
@@ -50,6 +48,19 @@ ROSDEP_KEYS = {
 }
 
 
+# Import name -> name on the package index, where they differ.
+DISTRIBUTIONS = {
+    "dynamixel_sdk": "dynamixel-sdk",
+    "foxglove": "foxglove-sdk",
+    "mcap_ros2": "mcap-ros2-support",
+    "optuna_dashboard": "optuna-dashboard",
+    "serial": "pyserial",
+    "yaml": "pyyaml",
+}
+# What only benchmarks and runs on several machines load; requirements/bench.txt has it.
+OPTIONAL = {"distributed", "mujoco"}
+
+
 def setup_arguments(package: str) -> dict[str, ast.expr]:
     """Return the keyword arguments of the setup() call in a package's setup.py, unevaluated."""
     for node in ast.walk(ast.parse((SOURCE / package / "setup.py").read_text())):
@@ -61,8 +72,9 @@ def setup_arguments(package: str) -> dict[str, ast.expr]:
 def entry_points() -> list[str]:
     found = []
     for package in PACKAGES:
-        scripts: dict[str, list[str]] = ast.literal_eval(setup_arguments(package)["entry_points"])
-        found += scripts["console_scripts"]
+        for node in ast.parse((SOURCE / package / "setup.py").read_text()).body:
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "EXECUTABLES":
+                found += ast.literal_eval(node.value)
     return found
 
 
@@ -98,17 +110,24 @@ def test_what_a_package_imports_stands_in_its_manifest_and_nothing_else(manifest
     assert sorted(declared - used) == []
 
 
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_wheel_requires_what_the_package_imports_but_ros_and_nothing_else(package: str) -> None:
+    imports = {name for path in modules(package).values() for name in imported_packages(path)}
+    of_ros = {
+        "launch",
+        "launch_ros",
+        "rclpy",
+        *(name for name in imports if name.endswith(("_msgs", "_srvs", "_interfaces"))),
+    }
+    used = imports - {package, "__future__"} - sys.stdlib_module_names - of_ros - OPTIONAL
+    required = ast.literal_eval(setup_arguments(package)["install_requires"])
+    assert required == sorted(DISTRIBUTIONS.get(name, name) for name in used)
+
+
 def test_every_third_party_import_is_pinned() -> None:
     pinned = " ".join(path.read_text().lower() for path in (ROOT / "requirements").glob("*.txt"))
-    distributions = {
-        "PIL": "pillow",
-        "foxglove": "foxglove-sdk",
-        "mcap_ros2": "mcap-ros2-support",
-        "serial": "pyserial",
-        "yaml": "pyyaml",
-    }
     for name in ROSDEP_KEYS.keys() - {"launch", "launch_ros"}:
-        distribution = distributions.get(name, name).lower().replace("_", "-")
+        distribution = DISTRIBUTIONS.get(name, name).lower().replace("_", "-")
         assert re.search(rf"(^|\s|ros-){re.escape(distribution)}==", pinned), name
 
 

@@ -1,10 +1,19 @@
-"""Installs the package where ROS 2 looks for it."""
+"""Installs the package where ROS 2 looks for it, or builds the wheel for pip."""
 
+import sys
 from glob import glob
 
 from setuptools import find_packages, setup
 
 NAME = "fin_bringup"
+EXECUTABLES = [
+    "bringup = fin_bringup.bringup:main",
+    "bench = fin_bringup.benchmarks.command:main",
+    "live = fin_bringup.live:main",
+    "lateness = fin_bringup.benchmarks.lateness:main",
+    "page = fin_bringup.page.command:main",
+]
+WHEEL = not {"bdist_wheel", "dist_info", "editable_wheel"}.isdisjoint(sys.argv)
 
 setup(
     name=NAME,
@@ -18,7 +27,17 @@ setup(
         (f"share/{NAME}/layouts", sorted(glob(f"{NAME}/layouts/*"))),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
     ],
-    install_requires=["setuptools"],
+    # ROS is not among them: it is installed, or comes from the wheels in requirements/ros.txt.
+    install_requires=[
+        "aiohttp",
+        "fin_optimizer",
+        "fin_plant",
+        "fin_servo_driver",
+        "fin_sim",
+        "foxglove-sdk",
+        "numpy",
+        "scipy",
+    ],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="Fin maintainers",
@@ -26,12 +45,8 @@ setup(
     description="Starts a study on a robot, in a rehearsal or in the simulator; launch files, a page, benchmarks.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "bringup = fin_bringup.bringup:main",
-            "bench = fin_bringup.benchmarks.command:main",
-            "live = fin_bringup.live:main",
-            "lateness = fin_bringup.benchmarks.lateness:main",
-            "page = fin_bringup.page.command:main",
-        ],
+        # colcon puts each into lib/fin_bringup; a wheel has one command, for its bin is everybody's.
+        "console_scripts": ["fin-bringup = fin_plant.sub_commands:main"] if WHEEL else EXECUTABLES,
+        "fin_executables": EXECUTABLES,
     },
 )

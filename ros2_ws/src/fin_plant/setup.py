@@ -1,4 +1,4 @@
-"""Installs the package where ROS 2 looks for it."""
+"""Installs the package where ROS 2 looks for it, or builds the wheel for pip."""
 
 from glob import glob
 
@@ -17,14 +17,17 @@ setup(
         (f"share/{NAME}/config", sorted(glob("config/*"))),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
     ],
-    install_requires=["setuptools"],
+    # ROS is not among them: it is installed, or comes from the wheels in requirements/ros.txt.
+    install_requires=[
+        "matplotlib",
+        "numpy",
+        "pyyaml",
+        "threadpoolctl",
+    ],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="Fin maintainers",
     maintainer_email="maintainers@users.noreply.example",
     description="What a simulated and a real robotic fish have in common: fin, gait, parameters, topics, messages.",
     license="Apache-2.0",
-    entry_points={
-        "console_scripts": [],
-    },
 )

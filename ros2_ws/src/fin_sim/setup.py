@@ -1,10 +1,19 @@
-"""Installs the package where ROS 2 looks for it."""
+"""Installs the package where ROS 2 looks for it, or builds the wheel for pip."""
 
+import sys
 from glob import glob
 
 from setuptools import find_packages, setup
 
 NAME = "fin_sim"
+EXECUTABLES = [
+    "materials = fin_sim.materials_command:main",
+    "measure_strip = fin_sim.measure_strip:main",
+    "simulator = fin_sim.simulator:main",
+    "swim = fin_sim.swim_command:main",
+    "validation = fin_sim.validation.command:main",
+]
+WHEEL = not {"bdist_wheel", "dist_info", "editable_wheel"}.isdisjoint(sys.argv)
 
 setup(
     name=NAME,
@@ -17,7 +26,16 @@ setup(
         (f"share/{NAME}/config", sorted(glob("config/*"))),
         (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
     ],
-    install_requires=["setuptools"],
+    # ROS is not among them: it is installed, or comes from the wheels in requirements/ros.txt.
+    install_requires=[
+        "fin_plant",
+        "matplotlib",
+        "numba",
+        "numpy",
+        "rich",
+        "scipy",
+        "threadpoolctl",
+    ],
     extras_require={"test": ["pytest"]},
     zip_safe=False,
     maintainer="Fin maintainers",
@@ -25,12 +43,8 @@ setup(
     description="Simulated robotic fish with a jointed tail and an elastic caudal fin, as a ROS 2 node.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": [
-            "materials = fin_sim.materials_command:main",
-            "measure_strip = fin_sim.measure_strip:main",
-            "simulator = fin_sim.simulator:main",
-            "swim = fin_sim.swim_command:main",
-            "validation = fin_sim.validation.command:main",
-        ],
+        # colcon puts each into lib/fin_sim; a wheel has one command, for its bin is everybody's.
+        "console_scripts": ["fin-sim = fin_plant.sub_commands:main"] if WHEEL else EXECUTABLES,
+        "fin_executables": EXECUTABLES,
     },
 )

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from fin_bringup import study_arguments, study_nodes
 from fin_bringup.processes import StudyProcesses
 from fin_plant import ros_environment
-from fin_plant.node_help import screen_width, wrap
+from fin_plant.executables import screen_width
+from fin_plant.node_help import wrap
 from fin_plant.output import go_on_when_output_closes
 from fin_plant.ros_environment import EXIT_FAILURE, EXIT_USAGE
 

@@ -14,6 +14,7 @@ from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fin_plant import sub_commands
 from fin_plant.ros_environment import EXIT_FAILURE
 
 if TYPE_CHECKING:
@@ -33,8 +34,10 @@ _LAST_WORDS = 20
 _PR_SET_PDEATHSIG = 1
 
 
-def find_executable(package: str, executable: str) -> Path:
-    """Return the executable by the rule of `ros2 run`: PREFIX/lib/PACKAGE/EXECUTABLE in the environment's prefixes.
+def find_executable(package: str, executable: str) -> list[str]:
+    """Return the words that start an executable.
+
+    By the rule of `ros2 run` it is PREFIX/lib/PACKAGE/EXECUTABLE in the environment's prefixes, else a wheel's.
 
     Raises:
         FileNotFoundError: There is none; the message says what to do.
@@ -42,9 +45,12 @@ def find_executable(package: str, executable: str) -> Path:
     for prefix in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
         path = Path(prefix) / "lib" / package / executable
         if os.access(path, os.X_OK):
-            return path
+            return [str(path)]
+    if executable in sub_commands.executables(package):
+        return sub_commands.start_words(package, executable)
     msg = (
-        f"executable {executable} of package {package} is in no prefix of AMENT_PREFIX_PATH: source install/setup.bash"
+        f"executable {executable} of package {package} is in no prefix of AMENT_PREFIX_PATH and in no installed wheel: "
+        f"source install/setup.bash"
     )
     raise FileNotFoundError(msg)
 
@@ -69,7 +75,7 @@ class Child:
         """
         self.name = name
         self.last_words: deque[str] = deque(maxlen=_LAST_WORDS)
-        command = [str(find_executable(spec.package, spec.executable)), *spec.words, *spec.ros_arguments()]
+        command = [*find_executable(spec.package, spec.executable), *spec.words, *spec.ros_arguments()]
         self.process = subprocess.Popen(  # noqa: S603
             command,
             start_new_session=True,

@@ -1,4 +1,4 @@
-"""What `./run` lists: each executable of the workspace with the first line of its module's description."""
+"""What `./run` and the commands of wheels list: each executable with the first line of its module's description."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ import re
 import shutil
 import sys
 import textwrap
-from importlib.metadata import EntryPoint, distribution
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fin_plant.sub_commands import executables
+
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable
+    from importlib.metadata import EntryPoint
 
 # What the first line repeats: which kind of thing it is, and its name.
 _KIND = re.compile(r"^(?:(?:the )?command ``\w+``|`\w+`|the [a-z ']*node): ", re.IGNORECASE)
-_WIDEST = 100
+_NARROWEST, _WIDEST = 40, 100
 _INDENT = 6 * " "
 
 
@@ -31,22 +33,30 @@ def description(entry: EntryPoint) -> str:
     return text[:1].upper() + text[1:]
 
 
-def executables(install: Path) -> Iterator[tuple[str, EntryPoint]]:
-    """Yield package and entry point of all that is installed below this folder."""
-    for package in sorted(path.name for path in install.glob("*") if (path / "lib" / path.name).is_dir()):
-        for entry in sorted(distribution(package).entry_points, key=lambda entry: entry.name):
-            if entry.group == "console_scripts" and (install / package / "lib" / package / entry.name).exists():
-                yield package, entry
+def screen_width() -> int:
+    """Return the columns of the user's screen, 80 where there is none."""
+    return shutil.get_terminal_size((80, 24)).columns
 
 
-def listing(install: Path, width: int) -> str:
-    """Return the text that `./run` shows on a screen of so many columns."""
-    lines = []
-    wrap = textwrap.TextWrapper(min(width, _WIDEST) - 1, initial_indent=_INDENT, subsequent_indent=_INDENT)
-    for package, entry in executables(install):
-        lines += [f"  ./run {package} {entry.name}", *wrap.wrap(description(entry))]
-    return "\n".join(lines)
+def lines(command: str, entries: Iterable[EntryPoint]) -> str:
+    """Return two lines or more for each executable, as wide as the screen: how it is called, and what it does."""
+    wrap = textwrap.TextWrapper(
+        min(max(screen_width(), _NARROWEST), _WIDEST) - 1, initial_indent=_INDENT, subsequent_indent=_INDENT
+    )
+    return "\n".join(
+        line for entry in entries for line in (f"  {command} {entry.name}", *wrap.wrap(description(entry)))
+    )
+
+
+def listing(install: Path) -> str:
+    """Return the text that `./run` shows: of all packages that are installed below this folder."""
+    folders = sorted(path for path in install.glob("*/lib/*") if path.parents[1].name == path.name)
+    texts = []
+    for folder in folders:
+        there = [entry for name, entry in executables(folder.name).items() if (folder / name).exists()]
+        texts += [lines(f"./run {folder.name}", there)] if there else []
+    return "\n".join(texts)
 
 
 if __name__ == "__main__":
-    print(listing(Path(sys.argv[1]), max(shutil.get_terminal_size((80, 24)).columns, 40)))  # noqa: T201
+    print(listing(Path(sys.argv[1])))  # noqa: T201

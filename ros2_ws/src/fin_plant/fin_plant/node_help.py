@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 import sys
 import textwrap
 from typing import TYPE_CHECKING
 
-from fin_plant.executables import description
+from fin_plant.executables import description, screen_width
 from fin_plant.fin import node_table
 from fin_plant.output import go_on_when_output_closes
 
@@ -42,17 +41,11 @@ def wrap(text: str, width: int, first: int, later: int) -> str:
     return textwrap.fill(text, columns, initial_indent=before, subsequent_indent=after, break_on_hyphens=False)
 
 
-def screen_width() -> int:
-    """Return the columns of the user's screen, 80 where there is none."""
-    return shutil.get_terminal_size((80, 24)).columns
-
-
-def usage(package: str, node: str, what: str, table: ParameterTable, width: int) -> str:
+def usage(command: str, what: str, table: ParameterTable, width: int) -> str:
     """Return the help of a node for a screen of so many columns.
 
     Args:
-        package: The node's package.
-        node: Name of its executable.
+        command: How the node is started.
         what: What the node does.
         table: Its parameters.
         width: Columns of the screen.
@@ -63,7 +56,7 @@ def usage(package: str, node: str, what: str, table: ParameterTable, width: int)
 
     parameters = "Parameters, with type, unit, default and allowed values; docs/parameters.md has their reasons:"
     lines = [
-        wrapped(f"usage: ./run {package} {node} [--ros-args -p PARAMETER:=VALUE ...]", 0, 7),
+        wrapped(f"usage: {command} [--ros-args -p PARAMETER:=VALUE ...]", 0, 7),
         "",
         wrapped(what),
         "",
@@ -75,13 +68,13 @@ def usage(package: str, node: str, what: str, table: ParameterTable, width: int)
     return "\n".join(lines)
 
 
-def answer(package: str, entry: EntryPoint) -> bool:
+def answer(package: str, entry: EntryPoint, command: str) -> bool:
     """Print the help of the executable if it is a node; return False if it is not, and answers for itself."""
     try:
         table = node_table(package, entry.name)
     except FileNotFoundError:
         return False
     go_on_when_output_closes()
-    print(usage(package, entry.name, description(entry), table, screen_width()))  # noqa: T201
+    print(usage(command, description(entry), table, screen_width()))  # noqa: T201
     sys.stdout.flush()
     return True

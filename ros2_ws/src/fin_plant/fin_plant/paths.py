@@ -29,10 +29,14 @@ def given_path(text: str) -> Path:
 
 
 def config_folder(package: str) -> Path:
-    """Return the folder ``config`` of a package: beside its source, or of its installation."""
-    beside = Path(str(resources.files(package))).parent / "config"
-    if beside.is_dir():
-        return beside
-    from ament_index_python import get_package_share_directory  # noqa: PLC0415 - a workspace that is linked needs no ROS
+    """Return the folder ``config`` of a package: PREFIX/share/PACKAGE/config around its modules, or beside its source.
 
-    return Path(get_package_share_directory(package)) / "config"
+    Raises:
+        FileNotFoundError: It is in neither.
+    """
+    modules = Path(str(resources.files(package)))
+    for folder in (*(prefix / "share" / package / "config" for prefix in modules.parents), modules.parent / "config"):
+        if folder.is_dir():
+            return folder
+    msg = f"no folder share/{package}/config around {modules}: install {package} again"
+    raise FileNotFoundError(msg)

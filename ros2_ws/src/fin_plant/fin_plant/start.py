@@ -4,6 +4,8 @@ The set-up makes this the interpreter of the installed executables, by their fir
 
     #!/usr/bin/env -S --block-signal=INT PYTHON -P -m fin_plant.start
 
+The commands of an installed wheel start it too (`fin_plant.sub_commands`).
+
 SIGINT is held back (blocked) until this module listens: Python itself answers one with a traceback while it starts.
 """
 
@@ -105,22 +107,25 @@ class _BeforeRos(MetaPathFinder):
 
 
 def start(path: str) -> object:
-    """Run the executable PREFIX/lib/PACKAGE/NAME and return its exit code.
+    """Run the executable PREFIX/lib/PACKAGE/NAME, or PACKAGE/NAME of a wheel, and return its exit code.
 
     While it runs a SIGINT is a KeyboardInterrupt, or what it makes of it: it may have files to close.
 
     Raises:
         SystemExit: It ended so.
     """
-    from importlib.metadata import distribution  # noqa: PLC0415  (nothing slow before _listen)
-    from pathlib import Path  # noqa: PLC0415
+    from pathlib import Path  # noqa: PLC0415  (nothing slow before _listen)
+
+    from fin_plant.sub_commands import executables  # noqa: PLC0415
 
     package, name = Path(path).parts[-2:]
-    entry = distribution(package).entry_points.select(group="console_scripts", name=name)[name]
+    entry = executables(package)[name]
+    of_a_wheel = path == f"{package}/{name}"
+    command = f"{package.replace('_', '-')} {name}" if of_a_wheel else f"./run {package} {name}"
     if _HELP & set(sys.argv):
         from fin_plant.node_help import answer  # noqa: PLC0415
 
-        if answer(package, entry):
+        if answer(package, entry, command):
             return 0
     main = entry.load()
     signal.signal(signal.SIGINT, signal.default_int_handler)

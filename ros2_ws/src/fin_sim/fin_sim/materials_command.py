@@ -8,7 +8,8 @@ import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from fin_plant.node_help import screen_width, wrap
+from fin_plant.executables import screen_width
+from fin_plant.node_help import wrap
 from fin_plant.output import end_when_output_closes
 from fin_sim.materials import MATERIALS_FILE, materials
 

@@ -169,7 +169,7 @@ def measure(device: str, seconds: float) -> Lateness:
         words += [f"study_folder:={folder}/study", "disk.minimum_free:=0"]
         with said.open("wb") as output:
             study = subprocess.Popen(  # noqa: S603
-                [find_executable("fin_bringup", "bringup"), *words], stdout=output, stderr=output
+                [*find_executable("fin_bringup", "bringup"), *words], stdout=output, stderr=output
             )
         listener = _Listener()
         try:

@@ -76,7 +76,7 @@ def trial_loop(trials: int, duration: float) -> Throughput:
     with tempfile.TemporaryDirectory() as folder:
         study = Path(folder) / "study"
         words = (f"study_folder:={study}", f"trials:={trials}", f"measurement.duration:={duration}", _NAMESPACE)
-        command = [str(find_executable("fin_bringup", "bringup")), *words, "disk.minimum_free:=0"]
+        command = [*find_executable("fin_bringup", "bringup"), *words, "disk.minimum_free:=0"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
         if done.returncode:
             msg = f"the study ended with exit code {done.returncode}:\n{done.stdout[-1000:]}{done.stderr[-1000:]}"
