@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fin_bringup.page import offers
 from fin_bringup.page.access import Access, is_here
 from fin_bringup.page.action_log import LOG_FILE, ActionLog, line
-from fin_bringup.page.board import SILENT, STREAM_SILENT, Board, Stop, as_json, scores_of
+from fin_bringup.page.board import SILENT, STREAM_SILENT, Board, Stop, as_json, ended
 from fin_bringup.page.fish_shape import Piece, Shape, Speedometer, from_joints, from_pieces
 from fin_bringup.page.offers import Guard, of_plant, of_study
 from fin_optimizer.mode import Mode
@@ -127,40 +127,64 @@ def test_trials_are_kept_by_number_and_a_study_without_a_score_says_so(board: Bo
     board.trial_is({"trial": "0", "outcome": "RUNNING"}, "trial 0000", 0.0)
     assert board.search()["scores"] == []
     board.trial_is({"trial": "0", "outcome": "FAILED", "reason": "no velocity"}, "trial 0000", 0.0)
-    assert board.search()["scores"] == [[0, None]]
+    assert board.search()["scores"] == [(0, None, False)]
     told = json.loads(as_json(board.snapshot(0.0)))
     assert told["study"]["scored"] is False
     assert told["trial"]["reason"] == "no velocity"
     board.trial_is({"trial": "1", "outcome": "OK", "score [m/s]": "0.0266"}, "trial 0001", 0.0)
-    assert board.search()["scores"] == [[0, None], [1, 0.0266]]
+    assert board.search()["scores"] == [(0, None, False), (1, pytest.approx(2.66), True)]
+    assert board.search()["best"] == [None, pytest.approx(2.66)]
+    assert board.search()["label"] == "mean forward speed (cm/s)"
     assert json.loads(as_json(board.snapshot(0.0)))["trial"]["score"] == "2.660 cm/s"
 
 
 def test_another_study_begins_with_no_trials(board: Board) -> None:
-    board.trials_were({0: 0.02})
+    board.trials_were({0: {"mean_speed": 0.02}})
     board.study_is(progress(folder="/runs/other"), "", 1.0)
     assert board.search()["scores"] == []
 
 
 def test_ten_thousand_trials_are_thinned_and_the_best_is_among_them(board: Board) -> None:
-    scores: dict[int, float | None] = {number: 1e-6 * ((number * 7919) % 10_000) for number in range(10_000)}
-    scores[1234] = None
-    board.trials_were(scores)
+    trials = {number: {"mean_speed": 1e-6 * ((number * 7919) % 10_000)} for number in range(10_000)}
+    trials[1234] = {}
+    board.trials_were(trials)
     told = json.loads(as_json(board.search()))
     assert len(told["scores"]) <= 400
-    assert max(score for _, score in told["scores"]) == pytest.approx(9999e-6)
+    assert max(score for _, score, _ in told["scores"]) == pytest.approx(9999e-4)
+    assert told["best"][-1] == pytest.approx(9999e-4)
     assert told["trials"] == 10_000
 
 
 def test_a_score_that_is_no_finite_number_is_none(board: Board) -> None:
     for text in ("nan", "inf", "", "fast"):
         board.trial_is({"trial": "4", "outcome": "OK", "score [m/s]": text}, "", 0.0)
-        assert json.loads(as_json(board.search()))["scores"] == [[4, None]]
+        assert json.loads(as_json(board.search()))["scores"] == [[4, None, False]]
 
 
 def test_of_a_journal_only_ended_trials_count() -> None:
-    trials = [(0, "OK", 0.02), (1, "FAILED", None), (2, "RUNNING", None), (3, "PROPOSED", None)]
-    assert scores_of(trials) == {0: 0.02, 1: None}
+    good = {"mean_speed": 0.02}
+    trials = [(0, "OK", good), (1, "FAILED", {}), (2, "RUNNING", {}), (3, "PROPOSED", {})]
+    assert ended(trials) == {0: good, 1: {}}
+
+
+def test_a_page_shows_the_goal_that_a_study_has_and_which_trials_miss_its_constraints(board: Board) -> None:
+    board.study_is(progress(objective="energy_per_metre", constraints="mean_speed >= 2 cm/s"), "", 0.0)
+    for number, energy, speed in ((0, 5.0, 0.03), (1, 3.0, 0.01), (2, 4.0, 0.03), (3, 4.5, 0.03)):
+        told = {"trial": f"{number}", "outcome": "OK", "score [m/s]": f"{speed}", "energy per metre [J/m]": f"{energy}"}
+        board.trial_is(told, "", 0.0)
+        if number == 1:
+            trial = json.loads(as_json(board.snapshot(0.0)))["trial"]
+            assert trial["score"] == "3.000 J/m, mean_speed >= 2 cm/s is missed: 1.000 cm/s"
+    found = board.search()
+    assert found["label"] == "energy per metre (J/m)"
+    assert found["scores"] == [(0, 5.0, True), (1, 3.0, False), (2, 4.0, True), (3, 4.5, True)]
+    assert found["best"] == [5.0, 5.0, 4.0, 4.0]
+
+
+def test_trials_heard_before_the_study_told_its_goal_have_no_score_of_it(board: Board) -> None:
+    board.trial_is({"trial": "0", "outcome": "OK", "score [m/s]": "0.02"}, "", 0.0)
+    board.study_is(progress(objective="efficiency"), "", 0.0)
+    assert board.search()["scores"] == [(0, None, False)]
 
 
 def test_a_stop_is_heard_when_every_plant_has_answered_and_lost_when_one_has_not() -> None:

@@ -17,6 +17,7 @@ from fin_optimizer.announcer import Announcer
 from fin_optimizer.bags.disk_space import shortage
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.repair import repair_bags
+from fin_optimizer.goals import BETWEEN_CONSTRAINTS
 from fin_optimizer.mode import Mode
 from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
@@ -348,7 +349,7 @@ class Optimizer:
     # -- reports -----------------------------------------------------------------------------------------------------
 
     def _progress_values(self) -> dict[str, object]:
-        best = self._study.best()
+        best, goals = self._study.best(), self._study.settings.goals
         values: dict[str, object] = {
             "mode": self._mode.value,
             "phase": ", ".join(swimmer.phase for swimmer in self._swimmers if swimmer.trial is not None),
@@ -357,6 +358,8 @@ class Optimizer:
             "candidates_wanted": self._total,
             "trials": len(self._study.trials),
             "folder": str(self._study.folder),
+            "objective": goals.objective,
+            "constraints": BETWEEN_CONSTRAINTS.join(each.text for each in goals.constraints),
         }
         values |= {
             f"unusable stamps {name}": n for swimmer in self._swimmers for name, n in swimmer.unusable_stamps.items()

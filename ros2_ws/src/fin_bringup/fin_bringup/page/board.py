@@ -10,17 +10,21 @@ import json
 import math
 from collections import deque
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING
 
 from fin_bringup.page import offers
 from fin_bringup.page.offers import BUTTONS, Offer
-from fin_optimizer.words import show_speed
+from fin_optimizer.goals import BETWEEN_CONSTRAINTS, MEAN_SPEED, Goals
 from fin_plant.plant_state import PlantState, State
 from fin_servo_driver.fin_instruction import sizes, wanted_fin
 from fin_servo_driver.next_step import SWITCH, advice_says_all, next_step, question
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
+
+    Measured = Mapping[str, float]
+    """What a trial achieved in SI, by measure; nothing where it has no score."""
 
 SILENT = 2.0
 """s without a word from a node after which what it said is not shown as true: one word is missing, for a second."""
@@ -105,7 +109,7 @@ class Board:
         self._progress_text = ""
         self.candidate: Mapping[str, str] = {}
         self._candidate_text = ""
-        self._search: dict[int, float | None] = {}
+        self._search: dict[int, Measured] = {}
         self.search_version = 0
         self._heard: float | None = None
         self._pictures = self._questions = 0
@@ -140,11 +144,11 @@ class Board:
         self.candidate, self._candidate_text = dict(values), text
         number = self.trial
         if number is not None and values.get("outcome") not in {"PROPOSED", "RUNNING"}:
-            self.trials_were({number: _number(values.get("score [m/s]"))})
+            self.trials_were({number: self._measured()})
 
-    def trials_were(self, scores: Mapping[int, float | None]) -> None:
-        """Take the scores of trials that have ended, in m/s by number; None of one without a score."""
-        self._search.update(scores)
+    def trials_were(self, trials: Mapping[int, Measured]) -> None:
+        """Take what trials that have ended achieved, by number."""
+        self._search.update(trials)
         self.search_version += 1
 
     def other_heard(self, now: float) -> None:
@@ -182,6 +186,18 @@ class Board:
         """Number of the trial that was told last; None before any."""
         text = self.candidate.get("trial", "")
         return int(text) if text.isdecimal() else None
+
+    @property
+    def goals(self) -> Goals:
+        """What the study looks for, as it says."""
+        return _goals(self.progress.get("objective", ""), self.progress.get("constraints", ""))
+
+    def _measured(self) -> Measured:
+        """Return what the trial that was told last achieved; nothing where it is not told whole."""
+        columns = {each.name: "score [m/s]" if each.name == MEAN_SPEED else each.column for each in self.goals.asked}
+        found = {name: _number(self.candidate.get(column)) for name, column in columns.items()}
+        whole = {name: value for name, value in found.items() if value is not None}
+        return whole if len(whole) == len(columns) else {}
 
     @property
     def folder(self) -> str:
@@ -231,12 +247,31 @@ class Board:
         }
 
     def search(self) -> dict[str, object]:
-        """Return the scores so far in m/s by trial, as JSON has it, the best of each stretch where they are many."""
-        points = sorted(self._search.items())
-        stride = math.ceil(len(points) / _MOST_POINTS) or 1
-        groups = (points[start : start + stride] for start in range(0, len(points), stride))
-        thinned = [max(group, key=lambda each: -math.inf if each[1] is None else each[1]) for group in groups]
-        return {"kind": "search", "scores": [list(each) for each in thinned], "trials": len(points)}
+        """Return the search so far, as JSON has it, the best of each stretch where trials are many.
+
+        ``scores`` are number, value of the first goal in the unit of ``label``, whether all constraints are met; in
+        ``best`` is the best value up to each of them, None before any.
+        """
+        goal, trials = self.goals.measures[0], sorted(self._search.items())
+        stride = math.ceil(len(trials) / _MOST_POINTS) or 1
+        groups = (trials[start : start + stride] for start in range(0, len(trials), stride))
+        thinned = [max(group, key=lambda trial: self._rank(trial[1])) for group in groups]
+        scores: list[tuple[int, float | None, bool]] = []
+        best: list[float | None] = []
+        for number, measured in thinned:
+            met, rank = self._rank(measured)
+            value = goal.direction * rank / goal.shown_in[1] if math.isfinite(rank) else None
+            scores.append((number, value, met))
+            known = [each for each in (*best[-1:], value if met else None) if each is not None]
+            best.append(max(known, key=lambda each: goal.direction * each, default=None))
+        return {"kind": "search", "scores": scores, "best": best, "trials": len(trials), "label": goal.axis}
+
+    def _rank(self, measured: Measured) -> tuple[bool, float]:
+        """Return whether a trial meets all constraints, and its first goal, more being better; -inf without a score."""
+        goals = self.goals
+        if any(each.name not in measured for each in goals.asked):
+            return False, -math.inf
+        return not goals.missed(measured), float(goals.objectives(measured)[0])
 
     def _graph_text(self, now: float) -> str:
         if self._heard is None:
@@ -268,7 +303,6 @@ class Board:
 
     def _study(self, now: float, *, lost: bool) -> dict[str, object]:
         values = self.progress
-        best = _number(values.get("best score [m/s]"))
         return {
             "live": self.study.alive(now) and not lost,
             "said": _age(self.study, now),
@@ -278,20 +312,19 @@ class Board:
             "settled": values.get("candidates_settled", ""),
             "wanted": values.get("candidates_wanted", ""),
             "folder": self.folder,
-            "best": "" if best is None else show_speed(best),
-            "scored": best is not None,
+            "scored": _number(values.get("best score [m/s]")) is not None,
         }
 
     def _trial(self, now: float, *, lost: bool) -> dict[str, object]:
         values = self.candidate
-        score = _number(values.get("score [m/s]"))
+        measured = self._measured()
         return {
             "live": self.study.alive(now) and not lost,
             "known": bool(values),
             "text": self._candidate_text,
             "outcome": values.get("outcome", ""),
             "phase": self.progress.get("phase", "") if values.get("outcome") == "RUNNING" else "",
-            "score": "" if score is None else show_speed(score),
+            "score": ", ".join([self.goals.shown(measured), *self.goals.missed(measured)]) if measured else "",
             "reason": values.get("reason", ""),
         }
 
@@ -317,9 +350,18 @@ def _sizes(details: Mapping[str, str]) -> dict[str, str]:
         return {}
 
 
-def scores_of(trials: Iterable[tuple[int, str, float | None]]) -> dict[int, float | None]:
-    """Return the scores of the trials that have ended, from their numbers, outcomes and scores."""
-    return {number: score for number, outcome, score in trials if outcome not in {"PROPOSED", "RUNNING"}}
+@cache
+def _goals(objective: str, constraints: str) -> Goals:
+    """Return the goals that an optimiser tells; those of the speed where it tells none that are known here."""
+    try:
+        return Goals.of_objective(objective, constraints.split(BETWEEN_CONSTRAINTS) if constraints else ())
+    except ValueError:
+        return Goals()
+
+
+def ended(trials: Iterable[tuple[int, str, Measured]]) -> dict[int, Measured]:
+    """Return the trials that have ended, from their numbers, outcomes and what they achieved."""
+    return {number: measured for number, outcome, measured in trials if outcome not in {"PROPOSED", "RUNNING"}}
 
 
 def as_json(told: Mapping[str, object]) -> str:

@@ -23,7 +23,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
-from fin_bringup.page.board import Board, Stop, scores_of
+from fin_bringup.page.board import Board, Stop, ended
 from fin_bringup.page.fish_shape import Piece, Shape, Speedometer, from_joints, from_pieces
 from fin_bringup.page.offers import PAUSE, RELEASE, REPEAT, START, Guard, Offer
 from fin_optimizer.parameters import OPTIMIZER, SIMULATOR
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from rclpy.subscription import Subscription
 
     from fin_bringup.page.action_log import ActionLog
+    from fin_bringup.page.board import Measured
 
 _FRAME_PERIOD = 0.1
 _TELL_PERIOD = 0.2
@@ -209,12 +210,12 @@ class GraphClient:
             trials = read_trials(Path(folder), lambda _: None)
         except (OSError, StudyError):
             return  # of another computer, or not written yet
-        scores = scores_of((trial.number, trial.outcome.value, trial.score) for trial in trials)
-        self.submit(self._take_trials, folder, scores)
+        told = ended((trial.number, trial.outcome.value, trial.measured) for trial in trials)
+        self.submit(self._take_trials, folder, told)
 
-    def _take_trials(self, folder: str, scores: dict[int, float | None]) -> None:
+    def _take_trials(self, folder: str, trials: dict[int, Measured]) -> None:
         if folder == self._board.folder:
-            self._board.trials_were(scores)
+            self._board.trials_were(trials)
 
     # -- what is heard -----------------------------------------------------------------------------------------------
 

@@ -26,7 +26,7 @@ let whyNot = "Connecting to the page's server.";
 let snapshot = null;
 let frame = null;
 let frameAt = -Infinity;
-let search = { scores: [], trials: 0 };
+let search = { scores: [], best: [], trials: 0, label: "" };
 let trace = [];
 let press = null; // of the emergency stop on this page: when, whether it was sent, what was told of a stop before
 let shownKeys = "";
@@ -101,6 +101,7 @@ function take(told) {
     requestAnimationFrame(drawSwim);
   } else if (told.kind === "search") {
     search = told;
+    say("search-label", search.scores.length ? search.label : "");
     drawSearch();
   } else if (told.kind === "pages") {
     const others = told.pages.filter((page) => page.number !== me).map((page) => page.address);
@@ -407,10 +408,10 @@ function drawSearch() {
     pen.fillText(search.trials ? "no trial has a score yet" : "no trial has ended yet", 6, height / 2);
     return;
   }
-  const values = scored.map(([, score]) => 100 * score);
+  const values = scored.map(([, score]) => score);
   const low = Math.min(...values);
   const high = Math.max(...values);
-  const room = Math.max(0.1 * (high - low), 0.02 * Math.abs(high), 0.01);
+  const room = Math.max(0.1 * (high - low), 0.02 * Math.abs(high), 1e-9);
   const first = search.scores[0][0];
   const newest = search.scores.at(-1)[0];
   const last = Math.max(newest, first + 1);
@@ -418,29 +419,32 @@ function drawSearch() {
   const px = (trial) => left + 6 + (trial - first) / (last - first) * (width - left - 12);
   const py = (value) => height - 24 - (value - low + room) / (high - low + 2 * room) * (height - 30);
   axis(pen, width, left, py, high - low > 0.2 * room ? [low, high] : [high]);
-  pen.fillText(`cm/s of trial ${first} to ${newest}, and the best so far`, left, height - 3);
+  const misses = scored.some(([, , met]) => !met) ? "; rings miss a constraint" : "";
+  pen.fillText(`trials ${first} to ${newest}, line: best so far${misses}`, left, height - 3);
   pen.strokeStyle = colour("--go");
   pen.lineWidth = 2;
   pen.beginPath();
-  let best = 100 * scored[0][1];
-  pen.moveTo(px(scored[0][0]), py(best));
-  for (const [trial, score] of scored) {
+  let before = null;
+  search.scores.forEach(([trial], place) => {
+    const best = search.best[place];
+    if (best === null) return;
+    pen[before === null ? "moveTo" : "lineTo"](px(trial), py(before ?? best));
     pen.lineTo(px(trial), py(best));
-    best = Math.max(best, 100 * score);
-    pen.lineTo(px(trial), py(best));
-  }
-  pen.lineTo(px(last), py(best));
+    before = best;
+  });
+  if (before !== null) pen.lineTo(px(last), py(before));
   pen.stroke();
-  for (const [trial, score] of search.scores) {
+  for (const [trial, score, met] of search.scores) {
     if (score === null) {
       pen.fillStyle = colour("--bad");
       pen.fillText("×", px(trial) - 4, height - 18);
-    } else {
-      pen.fillStyle = colour("--fin");
-      pen.beginPath();
-      pen.arc(px(trial), py(100 * score), 3, 0, 2 * Math.PI);
-      pen.fill();
+      continue;
     }
+    pen.fillStyle = pen.strokeStyle = colour("--fin");
+    pen.lineWidth = 1;
+    pen.beginPath();
+    pen.arc(px(trial), py(score), 3, 0, 2 * Math.PI);
+    pen[met ? "fill" : "stroke"]();
   }
 }
 
