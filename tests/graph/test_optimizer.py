@@ -430,11 +430,14 @@ def test_the_trial_under_way_and_the_last_one_are_swum_again_when_somebody_asks(
     assert (again.wait(), again.output()) == (0, "trial 0001 is swum again, once the study goes on\n")
     assert call("optimizer/start").success
     assert optimizer.wait() == 0
-    trials = read_trials(folder)
-    again_and_again = [(0, Outcome.INTERRUPTED), (0, Outcome.INTERRUPTED), (0, Outcome.OK), (1, Outcome.OK)]
-    assert [(trial.candidate, trial.outcome) for trial in trials] == again_and_again
-    assert all(trial.reason.endswith(ASKED_FOR_AGAIN) for trial in trials[:2])
-    assert [(folder / trial.bag / REPEATED_MARK).is_file() for trial in trials] == [True, True, False, False]
+    trials = read_trials(folder)  # on a busy machine with swims among them whose gait came late
+    asked_for = [trial for trial in trials if trial.reason.endswith(ASKED_FOR_AGAIN)]
+    assert [(trial.number, trial.candidate, trial.outcome) for trial in asked_for] == [
+        (0, 0, Outcome.INTERRUPTED),
+        (1, 0, Outcome.INTERRUPTED),
+    ]
+    assert [trial.candidate for trial in trials if trial.outcome is Outcome.OK] == [0, 1]
+    assert [trial for trial in trials if (folder / trial.bag / REPEATED_MARK).is_file()] == asked_for
 
 
 def test_control_without_an_optimiser_says_what_it_sees(start: Start, folder: Path) -> None:

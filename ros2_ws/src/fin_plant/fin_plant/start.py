@@ -119,7 +119,10 @@ def start(path: str) -> object:
     from fin_plant.sub_commands import executables  # noqa: PLC0415
 
     package, name = Path(path).parts[-2:]
-    entry = executables(package)[name]
+    entry = executables(package).get(name)
+    if entry is None:
+        msg = f"error: {package} {name} is not installed as this version has it: run make setup"
+        raise SystemExit(msg)
     of_a_wheel = path == f"{package}/{name}"
     command = f"{package.replace('_', '-')} {name}" if of_a_wheel else f"./run {package} {name}"
     if _HELP & set(sys.argv):
