@@ -106,6 +106,14 @@ def test_stated_errors_cover_the_truth_of_fifty_synthetic_fish() -> None:
     assert within[1] > 0.88, within
 
 
+def test_swims_that_turn_against_their_biases_are_named() -> None:
+    swims = synthetic(FEW, hidden(FEW, RANDOM(7)), RANDOM(7))
+    assert len(usable(swims, 0.95)[0]) == len(swims)
+    mirrored = [replace(swim, bias=-swim.bias) for swim in swims]
+    with pytest.raises(SwimError, match=r"the fish turns to the (left|right) under a bias (above|below) 0"):
+        usable(mirrored, 0.95)
+
+
 def test_a_fish_that_was_fitted_survives_its_file(tmp_path: Path) -> None:
     random = RANDOM(7)
     truth = hidden(FEW, random)

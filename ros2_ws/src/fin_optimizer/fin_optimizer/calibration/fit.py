@@ -160,7 +160,7 @@ class _Problem:
         fitted = self.settings.fitted
         if column >= len(fitted):
             return self.biases[column - len(fitted)] == swim.bias
-        one_side = {GAIN_LEFT: swim.bias > 0.0, GAIN_RIGHT: swim.bias < 0.0}
+        one_side = {GAIN_RIGHT: swim.bias > 0.0, GAIN_LEFT: swim.bias < 0.0}
         return one_side.get(fitted[column].name, True)
 
     def blocks(self, coordinates: Array) -> list[Array]:

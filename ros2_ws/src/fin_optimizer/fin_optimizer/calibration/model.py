@@ -65,7 +65,7 @@ class Model:
 
     def true_bias(self, commanded: float) -> float:
         """Return the tail's true bias for a commanded one, both in rad."""
-        gain = self.own[GAIN_LEFT if commanded > 0.0 else GAIN_RIGHT]
+        gain = self.own[GAIN_RIGHT if commanded > 0.0 else GAIN_LEFT]
         return self.own[OFFSET] + gain * commanded
 
     @property

@@ -20,8 +20,8 @@ GAIN_LEFT, GAIN_RIGHT, OFFSET = "drive.bias_gain_left", "drive.bias_gain_right",
 AHEAD, SPEED_FACTOR = "tracker.ahead", "tracker.speed_factor"
 STIFFNESS_FACTOR = "material.stiffness_factor"
 OWN = {
-    GAIN_LEFT: (1.0, "true over commanded bias to the left"),
-    GAIN_RIGHT: (1.0, "true over commanded bias to the right"),
+    GAIN_LEFT: (1.0, "true over commanded bias to the left (below 0)"),
+    GAIN_RIGHT: (1.0, "true over commanded bias to the right (above 0)"),
     OFFSET: (0.0, "true bias where none is commanded, rad"),
     AHEAD: (0.0, "tracked point ahead of the centre of mass, m"),
     SPEED_FACTOR: (1.0, "forward speed as recorded over the true one"),

@@ -53,7 +53,7 @@ class Swim:
     Attributes:
         name: As people know it.
         amplitude: Commanded, rad.
-        bias: Commanded, rad.
+        bias: Commanded, rad, positive to the right as every joint's angle.
         frequency: Tail beats, Hz: as commanded, or found in the record.
         time: s since the first sample, shape (S,), rising.
         forward: m/s, (S,), body axes, as tracked.
@@ -283,15 +283,29 @@ def read_csv(path: Path) -> Swim:
     return swim_of(path.name.removesuffix(".csv"), amplitude, bias, _read_columns(path))
 
 
+def _check_sides(swims: Sequence[Swim]) -> None:
+    """Refuse swims that as a whole turn against their biases: signs of another convention."""
+    turned = [(swim, swim.bias * float(swim.heading[-1] - swim.heading[0])) for swim in swims if swim.turns]
+    if sum(each for _, each in turned) > 0.5 * sum(abs(each) for _, each in turned):
+        most = max(turned, key=lambda each: each[1])[0]
+        to, side = ("left", "above") if most.bias > 0.0 else ("right", "below")
+        text = f"the fish turns to the {to} under a bias {side} 0, and most other swims do the like"
+        _refuse(
+            most.name, f"{text}: a bias above 0 is the tail to the right, headings are positive to the left; mend signs"
+        )
+
+
 def usable(swims: Sequence[Swim], stated_frequency: float) -> tuple[list[Swim], list[str]]:
     """Return the swims that can be used, and a sentence on each that lost the fish; refuse wrong units and clocks.
 
     Raises:
-        SwimError: A swim is in wrong units or in another time base, or has a gap.
+        SwimError: A swim is in wrong units, of other signs or in another time base, or has a gap.
     """
     kept, notes = [], []
     for swim in swims:
         check_swim(swim, stated_frequency)
+    _check_sides(swims)
+    for swim in swims:
         if float(np.min(swim.forward)) < LOST_SPEED:
             lost = f"{-np.min(swim.forward):.3f} m/s backwards"
             notes.append(f"{swim.name} is left out: at {lost} the camera has lost the fish")
