@@ -28,7 +28,7 @@ from fin_optimizer.search.gaussian_process import (
     log_met_with_slope,
 )
 from fin_optimizer.search.quasi_random import QuasiRandom
-from fin_optimizer.search.space import generator, uniform
+from fin_optimizer.search.space import generator, pareto_front, uniform
 from fin_plant import checks
 
 if TYPE_CHECKING:
@@ -60,6 +60,8 @@ _CLIMBS = 4
 _CLIMB_STEPS = 30
 _TRIED = 1e30
 """By which the logarithm of what was tried is less: more than any has."""
+_SAME = 1e-3
+"""Share of a range within which two values of it are the same fin."""
 _SUM_SHARE = 0.05
 """Of the weighted sum beside the largest weighted objective (Knowles 2006, eq. 2)."""
 _SHARES = (1.0, 0.5, 0.25, 0.125)
@@ -142,7 +144,7 @@ class GpSearch:
         sure = np.where(violations > 0.0, -np.inf, mean - np.sqrt(variance))
         best = float(mean[np.argmax(sure)]) if (violations == 0.0).any() else None
         good = numbers[chosen][np.lexsort((-scores, violations))[:_CLIMBS]]
-        tried = frozenset(map(tuple, numbers.tolist()))
+        tried = self._features.unit(numbers)
         limits = self._limits(history, chosen, pending, features, random)
         promise = _Promise(self.space, self._features, process, best, limits, tried)
         return self.space.values(promise.best_of(self._pool(good, random)).tolist())
@@ -191,12 +193,14 @@ class GpSearch:
 class _Promise:
     """What a trial of a candidate promises, and how to find the one that promises most.
 
-    What was tried promises less than anything else: how often a candidate is swum is the study's to say.
+    What was tried, to `_SAME` of each range, promises less than anything else: how often a candidate is swum is the
+    study's to say.
 
     Attributes:
         process: Of the score.
         best: What is to be improved; None while nothing is known that meets the constraints.
         limits: A process of each constraint's excess.
+        tried: What was tried, as places in the unit box, shape (candidates, parameters).
     """
 
     space: Space
@@ -204,7 +208,7 @@ class _Promise:
     process: GaussianProcess
     best: float | None
     limits: tuple[GaussianProcess, ...]
-    tried: frozenset[tuple[float, ...]]
+    tried: Array
 
     def of(self, numbers: Array) -> Array:
         """Return the logarithm of the expected improvement by candidates of shape (n, parameters).
@@ -218,13 +222,20 @@ class _Promise:
             promise = log_improvement(mean, variance, self.best, self.process.kernel.noise)
         for limit in self.limits:
             promise = promise + log_met(*limit.predict(features))
-        new = np.array([tuple(row) not in self.tried for row in numbers.tolist()])
-        return np.where(new, promise, promise - _TRIED)
+        return np.where(self._new(numbers), promise, promise - _TRIED)
+
+    def _new(self, numbers: Array) -> NDArray[np.bool_]:
+        """Return which candidates, shape (n, parameters), differ from each that was tried, in any parameter."""
+        same = np.ones((len(numbers), len(self.tried)), dtype=bool)
+        for own, others in zip(self.features.unit(numbers).T, self.tried.T, strict=True):
+            same &= np.abs(own[:, None] - others) < _SAME
+        return np.asarray(~same.any(axis=1))
 
     def best_of(self, pool: Array) -> Array:
         """Return the candidate that promises most, found by climbing from the most promising ones of the pool."""
         starts = pool[np.argsort(-self.of(pool), kind="stable")[:_CLIMBS]]
-        ends = np.array([self._climbed(start) for start in starts])
+        # A climb may end where something was tried; the pool holds what was not.
+        ends = np.vstack([*(self._climbed(start) for start in starts), starts])
         return np.asarray(ends[int(np.argmax(self.of(ends)))])
 
     def _climbed(self, start: Array) -> Array:
@@ -290,13 +301,19 @@ class _Promise:
 def _single_scores(history: Sequence[Evaluation], random: np.random.Generator) -> list[float | None]:
     """Return one score a candidate, more is better: of several objectives the augmented Chebyshev scalar of ParEGO.
 
-    The objectives are scaled to costs from 0 to 1; their weights are drawn evenly from those whose sum is 1.
+    The objectives are scaled to costs that are 0 to 1 on the front known so far, whose shares the weights are; what is
+    far behind it must not decide them. Beyond 1 a cost grows as its logarithm. The weights are drawn evenly from those
+    whose sum is 1.
     """
     objectives = np.array([entry.objectives for entry in history if entry.score is not None])
     if objectives.shape[1] == 1:
         return [entry.score for entry in history]
-    best, worst = objectives.max(axis=0), objectives.min(axis=0)
+    front = np.array([history[place].objectives for place in pareto_front(history)] or objectives)
+    best, worst = front.max(axis=0), front.min(axis=0)
+    level = best <= worst
+    best, worst = np.where(level, objectives.max(axis=0), best), np.where(level, objectives.min(axis=0), worst)
     costs = (best - objectives) / np.where(best > worst, best - worst, 1.0)
+    costs = np.where(costs > 1.0, 1.0 + np.log(np.maximum(costs, 1.0)), costs)
     weighted = random.dirichlet(np.ones(objectives.shape[1])) * costs
     # f = max_j(w_j c_j) + rho sum_j w_j c_j (Knowles 2006, eq. 2)
     singles = iter((-weighted.max(axis=1) - _SUM_SHARE * weighted.sum(axis=1)).tolist())
