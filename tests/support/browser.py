@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
-_ANSWER_SECONDS = 120.0
+_ANSWER_SECONDS = 300.0
 _FLAGS = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--disable-extensions"),
+    *("--headless", "--no-sandbox", "--disable-dev-shm-usage", "--disable-extensions"),
     *("--no-first-run", "--disable-background-networking", "--disable-component-update", "--remote-debugging-pipe"),
 )
 
@@ -154,12 +154,21 @@ class Browser:
 
 
 @contextmanager
-def browser(profile: Path, flags: Sequence[str] = ()) -> Iterator[Browser]:
-    """Yield a tab of a browser with an empty profile of its own."""
+def browser(profile: Path, flags: Sequence[str] = (), *, graphics: bool = False) -> Iterator[Browser]:
+    """Yield a tab of a browser with an empty profile of its own; with graphics it has WebGL, however it draws that."""
     assert CHROMIUM is not None
     read_commands, write_commands = os.pipe()
     read_answers, write_answers = os.pipe()
-    command = ["bash", "-c", f'exec "$@" 3<&{read_commands} 4>&{write_answers}', "bash", CHROMIUM, *_FLAGS, *flags]
+    command = [
+        "bash",
+        "-c",
+        f'exec "$@" 3<&{read_commands} 4>&{write_answers}',
+        "bash",
+        CHROMIUM,
+        *_FLAGS,
+        *(() if graphics else ("--disable-gpu",)),
+        *flags,
+    ]
     process = subprocess.Popen(
         [*command, f"--user-data-dir={profile}"],
         pass_fds=(read_commands, write_answers),
