@@ -139,8 +139,8 @@ built_from() {
     echo "$root" "$(<"$venv/.installed")"
     declare -f build start_quietly
     find ros2_ws/src -maxdepth 2 \( -name package.xml -o -name setup.py -o -name setup.cfg \) | sort | xargs cat
-    find ros2_ws/src -mindepth 2 \( -path '*/config/*' -o -path '*/launch/*' -o -path '*/resource/*' \) -type f | sort
-    find ros2_ws/src -mindepth 2 -maxdepth 2 -type d | sort
+    find ros2_ws/src -mindepth 2 \( -path '*/config/*' -o -path '*/launch/*' -o -path '*/resource/*' \) -type f ! -path '*/__pycache__/*' | sort
+    find ros2_ws/src -mindepth 2 -maxdepth 2 -type d ! -name __pycache__ | sort
 }
 
 build() {
@@ -197,6 +197,33 @@ prepare_workspace() {
 }
 
 # ---------------------------------------------------------------------------------------------------------------
+# What would be compiled at the first start, and at every start where PYTHONDONTWRITEBYTECODE keeps Python from keeping
+# it. What does not compile says so when it is used.
+compile_code() {
+    # shellcheck disable=SC1091
+    . scripts/environment.sh
+    unset PYTHONDONTWRITEBYTECODE
+    python -m compileall -qq ros2_ws/src/*/fin_* || true
+    if [[ $1 == everything ]]; then
+        # The tests' modules, as pytest rewrites them; beside the kernels, which take one core as well.
+        python -m pytest --collect-only -qq >/dev/null 2>&1 &
+        python -m fin_sim.compile_all || true
+        wait
+    fi
+}
+
+prepare_code() {
+    local wanted
+    wanted=$({ cat ros2_ws/install/.built && find ros2_ws/src/fin_sim -name '*.py' -printf '%p %s %T@\n' | sort; } | digest)
+    if [[ -f ros2_ws/install/.compiled && $(<ros2_ws/install/.compiled) == "$wanted" ]]; then
+        (compile_code sources)
+        return
+    fi
+    step "compiling the simulator's kernels" compile_code everything
+    echo "$wanted" >ros2_ws/install/.compiled
+}
+
+# ---------------------------------------------------------------------------------------------------------------
 if [[ $root == *[\"\$\`\\:]* || $root == *$'\n'* ]]; then
     fail "the path $root has a character that the scripts of pip and colcon cannot take:" \
         'one of " $ ` \ : or a line break. Rename the folder, or set up in another one'
@@ -213,4 +240,5 @@ fi
 choose
 prepare_packages
 prepare_workspace
+prepare_code
 say "ready ($([[ $mode == wheels ]] && echo "ROS 2 Jazzy wheels" || echo "$mode"), $("$python" --version))"

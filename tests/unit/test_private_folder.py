@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import stat
 import subprocess
@@ -83,3 +84,16 @@ def test_without_a_home_it_is_a_fresh_one_that_goes_with_the_process(
     folder, private = result.stdout.split()
     assert (Path(folder).parent, private) == (tmp_path, "True")
     assert not Path(folder).exists()
+
+
+def test_a_kernel_is_compiled_once_for_all_paths_to_its_source(tmp_path: Path) -> None:
+    source = tmp_path / "source" / "twice.py"
+    source.parent.mkdir()
+    source.write_text("from fin_sim.compiled import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n")
+    (tmp_path / "link").symlink_to(source.parent)
+    specification = importlib.util.spec_from_file_location("twice", tmp_path / "link" / source.name)
+    assert specification is not None
+    assert specification.loader is not None
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    assert module.twice.py_func.__code__.co_filename == str(source)  # by which numba keeps machine code

@@ -11,6 +11,7 @@ from fin_plant.private_folder import private_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from types import FunctionType
 
 FunctionT = TypeVar("FunctionT", bound="Callable[..., object]")
 # Reordering and contraction of operations are welcome; NaN and infinity keep their meaning, since a state that is
@@ -46,5 +47,8 @@ with _without_coverage():
 def kernel(function: FunctionT) -> FunctionT:
     """Compile a function of numbers and arrays; the machine code is cached, the interpreter lock released."""
     cached = "NUMBA_CACHE_DIR" in os.environ
+    code = cast("FunctionType", function).__code__
+    # numba keeps machine code by the path of its source: of a workspace of links each path would be compiled by itself.
+    cast("FunctionType", function).__code__ = code.replace(co_filename=os.path.realpath(code.co_filename))
     compiled = numba.njit(cache=cached, nogil=True, error_model="numpy", fastmath=_FAST_MATH)(function)
     return cast("FunctionT", compiled)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.axes import Axes
+    from matplotlib.collections import PathCollection
     from numpy.typing import NDArray
 
     from fin_optimizer.search.space import AnyDimension
@@ -110,6 +111,36 @@ def draw_parallel(path: Path, tried: Tried, *, title: str = "") -> None:
     save_whole(figure, path)
 
 
+def _draw_tried(axes: Axes, tried: Tried, place: int) -> PathCollection:
+    """Draw the score of each candidate over the parameter at this place, and a ring around the best."""
+    many = len(tried.scores) > _LINES
+    shown, best = tried.shown(place), tried.best
+    axes.plot(
+        shown[best],
+        tried.scores[best],
+        "o",
+        markersize=12.0,
+        markerfacecolor="none",
+        markeredgecolor=_BEST,
+        markeredgewidth=1.8,
+        linestyle="none",
+        label="the best" if place == 0 else None,
+        clip_on=False,
+        zorder=3,
+    )
+    return axes.scatter(
+        shown,
+        tried.scores,
+        c=np.arange(len(tried.scores)),
+        cmap="viridis",
+        s=6.0 if many else 22.0,
+        edgecolors="none" if many else "white",
+        linewidths=0.4,
+        rasterized=many,
+        zorder=2,
+    )
+
+
 @own_style()
 def draw_slices(path: Path, tried: Tried, *, simulated: Curves | None = None, title: str = "") -> None:
     """Draw the score over each parameter, and through the best the simulator's curve where it is known.
@@ -135,32 +166,7 @@ def draw_slices(path: Path, tried: Tried, *, simulated: Curves | None = None, ti
             values, scores = simulated[dimension.name]
             kind = "s" if isinstance(dimension, Choice) else "-"
             axes.plot(values / axis_scale(dimension), scores, kind, color="0.6", linewidth=2.0, zorder=1)
-        many = len(tried.scores) > _LINES
-        points = axes.scatter(
-            tried.shown(place),
-            tried.scores,
-            c=np.arange(len(tried.scores)),
-            cmap="viridis",
-            s=6.0 if many else 22.0,
-            edgecolors="none" if many else "white",
-            linewidths=0.4,
-            rasterized=many,
-            zorder=2,
-        )
-        best = tried.best
-        axes.plot(
-            tried.shown(place)[best],
-            tried.scores[best],
-            "o",
-            markersize=12.0,
-            markerfacecolor="none",
-            markeredgecolor=_BEST,
-            markeredgewidth=1.8,
-            linestyle="none",
-            label="the best" if place == 0 else None,
-            clip_on=False,
-            zorder=3,
-        )
+        points = _draw_tried(axes, tried, place)
         dress(axes, "x", dimension)
     for axes in list(panels.flat)[count:]:
         axes.set_visible(False)

@@ -180,38 +180,16 @@ def lane_constants(
     length, tip = links["length"], links["tip_height"]
     virtual = 0.25 * np.pi * water.density
     resistive = -0.5 * water.density * (water.normal_drag if normal_drag is None else normal_drag) * water.resists
-    part = {name: links.get(f"piece_{name}") for name in ("begin", "length", "root", "tip")}
-    whole = {"begin": np.zeros_like(length), "length": length, "root": links["root_height"], "tip": tip}
-    pieces = [
-        {name: whole[name] if column is None else column[:, :, place] for name, column in part.items()}
-        for place in range(1 if part["begin"] is None else part["begin"].shape[2])
-    ]
-    virtual_moments: list[NDArray[np.float64]] = [np.zeros_like(length)] * 3
-    solid_moments, resistances = list(virtual_moments), []
-    for piece in pieces:
-        own, root = piece["length"], piece["root"]
-        change = piece["tip"] - root
-        squares = [
-            virtual * own ** (p + 1) * (root**2 / (p + 1) + 2.0 * root * change / (p + 2) + change**2 / (p + 3))
-            for p in range(3)
-        ]
-        sheets = [links["mass_per_area"] * own ** (p + 1) * (root / (p + 1) + change / (p + 2)) for p in range(3)]
-        virtual_moments = [a + b for a, b in zip(virtual_moments, _shifted(squares, piece["begin"]), strict=True)]
-        solid_moments = [a + b for a, b in zip(solid_moments, _shifted(sheets, piece["begin"]), strict=True)]
-        resistances.append(
-            {
-                "resistive_force": resistive * root * own / 3.0,
-                "resistive_moment": resistive * root * own**2 / 12.0,
-                "taper_force": resistive * change * own / 12.0,
-                "taper_moment": resistive * change * own**2 / 30.0,
-            }
-        )
+    pieces = _piece_columns(links)
+    moments = [_piece_moments(piece, virtual, links["mass_per_area"]) for piece in pieces]
+    virtual_moments, solid_moments = (np.sum(kind, axis=0) for kind in zip(*moments, strict=True))
+    resistances = [_piece_resistance(piece, resistive) for piece in pieces]
     tip_virtual = virtual * tip**2 * (water.wake == "lighthill")
     if water.model == "surface_3d":
         from fin_sim.surface_3d.factors import columns_factors  # noqa: PLC0415  (strips need no table)
 
         kept = columns_factors(links)
-        virtual_moments = [moment * kept[:, :, power] for power, moment in enumerate(virtual_moments)]
+        virtual_moments = virtual_moments * np.moveaxis(kept, 2, 0)
         tip_virtual = tip_virtual * (kept[:, -1:, 0] if water.tip_term == "scaled" else 1.0)
     normal = [v + s for v, s in zip(virtual_moments, solid_moments, strict=True)]
     constants = {
@@ -230,6 +208,51 @@ def lane_constants(
         fields = {"begin": piece["begin"], "length": piece["length"], **resistance}
         constants |= {piece_field(name, place): fields[name] for name in PIECE_FIELDS}
     return constants
+
+
+def _piece_columns(links: Mapping[str, NDArray[np.float64]]) -> list[dict[str, NDArray[np.float64]]]:
+    """Return ``begin``, ``length``, ``root`` and ``tip`` (heights) of each piece, in m, each of shape (n, links)."""
+    if "piece_begin" not in links:
+        whole = {"length": links["length"], "root": links["root_height"], "tip": links["tip_height"]}
+        return [{"begin": np.zeros_like(links["length"])} | whole]
+    return [
+        {name: links[f"piece_{name}"][:, :, place] for name in ("begin", "length", "root", "tip")}
+        for place in range(links["piece_begin"].shape[2])
+    ]
+
+
+def _piece_moments(
+    piece: Mapping[str, NDArray[np.float64]], virtual: float, mass_per_area: NDArray[np.float64]
+) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """Return the moments 0 to 2 about the link's root, of a piece's virtual mass and of its sheet.
+
+    Args:
+        piece: As `_piece_columns` returns it.
+        virtual: Virtual mass per length and height squared, kg/m^3.
+        mass_per_area: Of the sheet, kg/m^2, shape (n, links).
+    """
+    own, root = piece["length"], piece["root"]
+    change = piece["tip"] - root
+    squares = [
+        virtual * own ** (p + 1) * (root**2 / (p + 1) + 2.0 * root * change / (p + 2) + change**2 / (p + 3))
+        for p in range(3)
+    ]
+    sheets = [mass_per_area * own ** (p + 1) * (root / (p + 1) + change / (p + 2)) for p in range(3)]
+    return _shifted(squares, piece["begin"]), _shifted(sheets, piece["begin"])
+
+
+def _piece_resistance(
+    piece: Mapping[str, NDArray[np.float64]], resistive: NDArray[np.float64] | float
+) -> dict[str, NDArray[np.float64]]:
+    """Return the constants of a piece's resistance, of ``resistive`` = -1/2 density C_N."""
+    own, root = piece["length"], piece["root"]
+    change = piece["tip"] - root
+    return {
+        "resistive_force": resistive * root * own / 3.0,
+        "resistive_moment": resistive * root * own**2 / 12.0,
+        "taper_force": resistive * change * own / 12.0,
+        "taper_moment": resistive * change * own**2 / 30.0,
+    }
 
 
 def _shifted(moments: Sequence[NDArray[np.float64]], begin: NDArray[np.float64]) -> list[NDArray[np.float64]]:

@@ -6,7 +6,7 @@ import contextlib
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -155,16 +155,8 @@ def swim_batch(
     status = np.where(good, Status.OK, Status.REFUSED).astype(np.int8)
 
     def swim(piece: _Piece) -> None:
-        fins = {name: column[piece.indices] for name, column in columns.items()}
-        if piece.parts:
-            figures[piece.indices], right = swim_in_lanes(piece.task.refined(piece.parts), fins, piece.proven)
-            status[piece.indices] = np.where(right, Status.OK, Status.NOT_CONVERGED)
-            return
-        alone = swim_in_plane if piece.task.fish.water.model == "ideal_2d" else swim_by_general_kernel
-        try:
-            figures[piece.indices], status[piece.indices] = alone(piece.task, fins)
-        except ValueError:
-            status[piece.indices] = Status.REFUSED
+        own = {name: column[piece.indices] for name, column in columns.items()}
+        figures[piece.indices], status[piece.indices] = _swim_piece(piece, own)
 
     workers = checks.whole_number("threads", threads or os.cpu_count() or 1, 1)
     pieces = list(_pieces(task, columns, _steps(task, columns, step), good))
@@ -173,6 +165,20 @@ def swim_batch(
     if not task.fish.motor:
         figures[:, [FIGURES.index(name) for name in OF_A_MOTOR]] = np.nan
     return _result(columns, figures, status)
+
+
+def _swim_piece(
+    piece: _Piece, fins: Mapping[str, NDArray[Any]]
+) -> tuple[NDArray[np.float64] | float, NDArray[np.int8] | Status]:
+    """Swim a piece's fins; return their figures, shape (n, figures), and their status, shape (n,) or one for all."""
+    if piece.parts:
+        figures, right = swim_in_lanes(piece.task.refined(piece.parts), fins, piece.proven)
+        return figures, np.where(right, Status.OK, Status.NOT_CONVERGED).astype(np.int8)
+    alone = swim_in_plane if piece.task.fish.water.model == "ideal_2d" else swim_by_general_kernel
+    try:
+        return alone(piece.task, fins)
+    except ValueError:
+        return np.nan, Status.REFUSED
 
 
 def _unsettled(pieces: Sequence[_Piece], status: NDArray[np.int8]) -> list[_Piece]:

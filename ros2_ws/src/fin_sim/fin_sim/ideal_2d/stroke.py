@@ -119,6 +119,18 @@ def _integrate(
     return place.astype(np.complex128), turning + mean * turn
 
 
+def _refuse_collision(linkage: Linkage, angles: NDArray[np.float64], time: float) -> None:
+    """Raise `StrokeError` if members collide with the joints at these angles, at this time of the stroke in s."""
+    collision = linkage.overlap(angles)
+    if collision:
+        shown = ", ".join(f"{angle:.4g}" for angle in angles)
+        msg = (
+            f"members {collision[0] + 1} and {collision[1] + 1} collide at t = {time:.4g} s of the stroke, "
+            f"with the joints at {shown} rad: give smaller angles, or more room at the joints"
+        )
+        raise StrokeError(msg)
+
+
 def swim_stroke(
     linkage: Linkage,
     matrix: Callable[[NDArray[np.float64]], NDArray[np.float64]],
@@ -149,15 +161,7 @@ def swim_stroke(
 
     def moved(turn: float, angles: NDArray[np.float64], slopes: NDArray[np.float64]) -> _Moved:
         if turn not in known:
-            collision = linkage.overlap(angles)
-            if collision:
-                time = turn * period / (2.0 * math.pi)
-                shown = ", ".join(f"{angle:.4g}" for angle in angles)
-                msg = (
-                    f"members {collision[0] + 1} and {collision[1] + 1} collide at t = {time:.4g} s of the stroke, "
-                    f"with the joints at {shown} rad: give smaller angles, or more room at the joints"
-                )
-                raise StrokeError(msg)
+            _refuse_collision(linkage, angles, turn * period / (2.0 * math.pi))
             mass = matrix(angles)
             base = -np.linalg.solve(mass[:3, :3], mass[:3, 3:] @ slopes)
             whole = np.concatenate([base, slopes])

@@ -343,6 +343,21 @@ def _check(name: str, error: float, mean: float, noise: float) -> Check:
     return Check(name, error / mean, 0.2, f"{error / noise:.1f} times the noise of one swim")
 
 
+def _identified(numbers: NDArray[np.float64]) -> str:
+    """Return the rows of the identified numbers beside the published ones."""
+    shown = [*np.exp(numbers[:3]), math.degrees(numbers[3])]
+    started = [*np.exp(_START[:3]), 0.0]
+    rows = zip(_NAMES, started, shown, strict=True)
+    return "\n".join(f"| {name} | {published:.3g} | {own:.3g} |" for name, published, own in rows)
+
+
+def _at_bounds(numbers: NDArray[np.float64]) -> str:
+    """Return the sentence on numbers that are at a bound of what they were allowed, or an empty text."""
+    bounds = zip(_NAMES, numbers, _LOW, _HIGH, strict=True)
+    at_bound = [name for name, v, low, high in bounds if min(v - low, high - v) < 1e-3 * (high - low)]
+    return f" At the bound of what it was allowed: {', '.join(at_bound)}." if at_bound else ""
+
+
 def _refitted(training: list[Measured], others: list[Measured]) -> str:
     """Return the rows of what is fitted to ``training`` with other assumptions, and how well it predicts ``others``."""
     rows = []
@@ -365,12 +380,6 @@ def section(data: Path, figures: Path) -> Section:
     computed = [predict(numbers, swim) for swim in swims]
     _draw(figures / FIGURE, swims, computed, noise)
 
-    shown = [*np.exp(numbers[:3]), math.degrees(numbers[3])]
-    started = [*np.exp(_START[:3]), 0.0]
-    rows = [f"| {name} | {a:.3g} | {b:.3g} |" for name, a, b in zip(_NAMES, started, shown, strict=True)]
-    bounds = zip(_NAMES, numbers, _LOW, _HIGH, strict=True)
-    atbound = [name for name, v, low, high in bounds if min(v - low, high - v) < 1e-3 * (high - low)]
-    bound = f" At the bound of what it was allowed: {', '.join(atbound)}." if atbound else ""
     fit, unfitted = _errors(numbers, training), _errors(np.array(_START), others)
     speed, turn = _errors(numbers, others)
     mean_speed = float(np.mean([swim.means.speed for swim in others]))
@@ -389,12 +398,12 @@ one. C_N = 1, and the tail follows its command.
 
 | number | published for such a fish | identified |
 |---|---|---|
-{chr(10).join(rows)}
+{_identified(numbers)}
 
 Errors (root mean square): fitted swims {100.0 * fit[0]:.2f} cm/s and {fit[1]:.3f} rad/s; the {len(others)} swims of
 {amplitudes} degrees, which nothing was fitted to, {100.0 * speed:.2f} cm/s of {100.0 * mean_speed:.1f} and
-{turn:.3f} rad/s of
-{mean_turn:.2f} (with the published numbers {100.0 * unfitted[0]:.1f} cm/s and {unfitted[1]:.2f} rad/s).{bound}
+{turn:.3f} rad/s of {mean_turn:.2f} (with the published numbers {100.0 * unfitted[0]:.1f} cm/s and
+{unfitted[1]:.2f} rad/s).{_at_bounds(numbers)}
 The drag area is {math.exp(_START[0] - numbers[0]):.0f} times below the published one; over the hull's published surface
 of {_HULL_AREA} m^2 it is C_D = {math.exp(numbers[0]) / _HULL_AREA:.3f}. It is known only to a factor of two, since the
 swims are short and the thrust is not measured. Fitted again with other assumptions, which predict about as well:
