@@ -110,6 +110,24 @@ def test_the_derivatives_are_those_of_the_matrix(build: Callable[[], Linkage]) -
         assert np.max(np.abs(slopes[joint] - difference)) < 1e-8 * np.max(np.abs(matrix))
 
 
+@pytest.mark.parametrize("build", [lambda: ellipses(3, 0.5), lambda: fish(0.0), lambda: fish(1e-3)])
+def test_what_moves_the_joints_without_momentum_follows_from_the_derivatives(build: Callable[[], Linkage]) -> None:
+    water = AddedMass(build())
+    angles = np.array([0.3, -0.4, 0.5])[: water.linkage.joints]
+    rates = np.array([1.0, 2.0, -3.0])[: len(angles)]
+    matrix, slopes = water.matrix_and_slopes(angles)
+    joints, connection, bias = water.without_momentum(angles, rates)
+    projection = np.vstack([-connection, np.eye(len(angles))])
+    velocity = projection @ rates
+    assert matrix[:3] @ velocity == pytest.approx(np.zeros(3), abs=1e-12 * np.abs(matrix).max())
+    assert joints == pytest.approx(projection.T @ matrix @ projection)
+    change, energy = (
+        np.einsum("k,kij,j->i", rates, slopes, velocity),
+        np.einsum("i,kij,j->k", velocity, slopes, velocity),
+    )
+    assert bias == pytest.approx(projection.T @ change - 0.5 * energy, rel=1e-10, abs=1e-12 * np.abs(bias).max())
+
+
 def test_closed_outlines_converge_faster_than_any_power() -> None:
     exact = math.pi / 8.0 * (4.0**2 - 1.0) ** 2
     errors = [

@@ -110,5 +110,5 @@ def test_a_mirrored_table_is_the_whole_one_at_half_the_poses() -> None:
 
 def test_a_fold_beyond_the_table_is_refused() -> None:
     table = tabulate(lambda angles: angles, (0.5,))
-    with pytest.raises(FoldError, match=r"joint 1 folds to 0.6 rad, the table of the plane flow holds -0.5 to 0.5 rad"):
+    with pytest.raises(FoldError, match=r"joint 1 folds to 0.6 rad, the plane flow holds from -0.5 to 0.5 rad"):
         table.at(np.array([0.6]))

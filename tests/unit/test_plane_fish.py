@@ -10,17 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, JointDrive
 from fin_sim.batch import Status, swim_batch
 from fin_sim.ideal_2d import plane_dynamics, plane_fish
 from fin_sim.ideal_2d.added_mass import AddedMass
+from fin_sim.ideal_2d.errors import CollisionError
 from fin_sim.ideal_2d.table import FoldError
 from fin_sim.presets import preset
-from fin_sim.swim import swim
+from fin_sim.swim import PAPER_FISH, swim
 from support.plane_linkages import DATA, fish, largest_difference
 
 if TYPE_CHECKING:
-    from fin_plant.fin import Fin
     from fin_sim.fish import Fish
     from fin_sim.swim_result import Swim
 
@@ -124,13 +125,40 @@ def test_a_batch_swims_as_each_swim_alone(swum: Swim) -> None:
     assert list(batch.status) == [Status.OK, Status.OK, Status.BEYOND_TABLE, Status.REFUSED]
     assert batch.mean_speed[0] == pytest.approx(swum.mean_speed, rel=1e-3)
     assert batch.heading[0] == pytest.approx(swum.heading[-1], rel=1e-3)
-    assert "folds beyond the table of the plane flow" in batch.reason(2)
+    assert "folds beyond what the plane flow holds" in batch.reason(2)
     assert "use fewer segments" in batch.reason(3)
 
 
 def test_a_fold_is_told_with_joint_and_time() -> None:
-    with pytest.raises(FoldError, match=r"joint \d folds to .* rad at t = .* s, the table of the plane flow holds"):
+    with pytest.raises(FoldError, match=r"joint \d folds to .* rad at t = .* s, the plane flow holds from"):
         swim(paper_fin(1.33e9, 0.0), plane())
+
+
+def test_beyond_its_table_a_fin_of_many_hinges_swims_as_within(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The default fish bends further near its resonance than a table of seven joints can hold."""
+    fish = replace(PAPER_FISH, water=plane().water)
+    tabled = swim(Fin(young_modulus=1e9), fish, duration=1.0)
+    monkeypatch.setattr(plane_dynamics, "OF_MANY", ((0.01, 1),))
+    direct = swim(Fin(young_modulus=1e9), fish, duration=1.0)
+    assert tabled.largest_hinge_angle > 0.1
+    assert direct.joint_angles == pytest.approx(tabled.joint_angles, abs=2e-3 * tabled.largest_hinge_angle)
+    assert direct.heading == pytest.approx(tabled.heading, abs=1e-4)
+    power = np.max(np.abs(tabled.servo_power))
+    assert direct.servo_power == pytest.approx(tabled.servo_power, abs=5e-3 * power)
+    assert direct.joint_torques == pytest.approx(tabled.joint_torques, abs=5e-3 * np.max(np.abs(tabled.joint_torques)))
+
+
+@pytest.mark.long
+def test_the_default_fish_swims_near_its_resonance_and_folds_onto_itself_at_it() -> None:
+    fish = replace(PAPER_FISH, water=plane().water)
+    found = swim(Fin(), fish, duration=10.0)
+    assert found.largest_hinge_angle > max(reach for reach, _ in plane_dynamics.OF_MANY)
+    assert found.mean_speed == pytest.approx(6.09e-4, rel=0.02)
+    with pytest.raises(CollisionError, match=r"collide at t = 6|come too close .* at t = 6"):
+        swim(Fin(young_modulus=3e9), fish, duration=10.0)
+    batch = swim_batch([Fin(young_modulus=3e9)], fish, duration=10.0)
+    assert list(batch.status) == [Status.BEYOND_TABLE]
+    assert "onto itself or the body" in batch.reason(0)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from fin_sim.batch.task import LEAST_STEPS, window_step
 from fin_sim.batch.window import window_weights
 from fin_sim.chain import build_chain
 from fin_sim.dynamics import StepError
+from fin_sim.ideal_2d.errors import CollisionError
 from fin_sim.ideal_2d.table import FoldError
 from fin_sim.swim import swim_chain
 
@@ -34,6 +35,7 @@ def _figures(task: Task, gait: Gait, fin: Fin, steps: int) -> NDArray[np.float64
     Raises:
         ValueError: What a plane flow has not.
         FoldError: A joint left the table.
+        CollisionError: Links touch.
         StepError: The state stopped being finite.
     """
     step = task.duration / steps
@@ -72,6 +74,9 @@ def swim_in_plane(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> tuple[
         except FoldError as error:
             coarse[:], status = np.nan, Status.BEYOND_TABLE
             coarse[LARGEST_ANGLE] = abs(error.angle)
+            break
+        except CollisionError:
+            coarse[:], status = np.nan, Status.BEYOND_TABLE
             break
         except StepError:
             fine = np.full(len(FIGURES), np.nan)

@@ -31,7 +31,8 @@ _REASONS = {
         "the state stopped being finite at every step tried: use a slower or smaller gait, or a stiffer fin"
     ),
     Status.BEYOND_TABLE: (
-        "a joint folds beyond the table of the plane flow: use a stiffer fin, or a slower or smaller gait"
+        "the fin folds beyond what the plane flow holds, 1.2 rad a hinge, or onto itself or the body: use a stiffer "
+        "fin, or a slower or smaller gait"
     ),
     Status.NOT_CONVERGED: (
         "swims at ever shorter steps do not settle on one result: the fin whips, flutters, or is far too stiff for its "

@@ -94,6 +94,37 @@ def _fill(
                 system[column, row] = value
 
 
+@kernel
+def _drifting(
+    places: NDArray[np.complex128],
+    drift: NDArray[np.complex128],
+    member: NDArray[np.int64],
+    layer: NDArray[np.float64],
+    force: NDArray[np.complex128],
+    flow: NDArray[np.float64],
+) -> None:
+    """Add what follows from the logarithm between different members as nodes drift.
+
+    Args:
+        places: x + i y, shape (n,).
+        drift: Its rate, shape (n,).
+        member: Of each node, shape (n,).
+        layer: g times the spacing, shape (n,).
+        force: Conjugate of the force of the other members' vortices on a node's, over the density; added to.
+        flow: dK/dt times g over the spacing; added to.
+    """
+    for row in range(places.shape[0]):
+        for column in range(row):
+            if member[row] != member[column]:
+                inverse = 1.0 / (2.0 * math.pi * (places[row] - places[column]))
+                pulled = layer[row] * layer[column] * inverse
+                force[row] += pulled
+                force[column] -= pulled
+                nearing = ((drift[row] - drift[column]) * inverse).real
+                flow[row] -= nearing * layer[column]
+                flow[column] -= nearing * layer[row]
+
+
 class AddedMass:
     """A linkage ready for its mass matrix in any pose: what does not depend on the pose is computed once.
 
@@ -125,6 +156,17 @@ class AddedMass:
         for section, end in zip(sections, ends, strict=True):
             part = slice(end - len(section.nodes), end)
             self._own[part, part] = section.spacing**2 / (2.0 * math.pi) * (self._log_scale - section.self_log)
+        self._solid_members = np.tile(np.arange(len(sections)), 2)
+        self._centres = (
+            np.array([member.centre for member in linkage.members]),
+            np.array([section.centroid for section in sections]),
+        )
+        areas = np.array([section.area for section in sections])
+        inside = np.array([section.inner_energy for section in sections])
+        self._inertias = (
+            np.concatenate([[member.mass for member in linkage.members], -linkage.density * areas]),
+            np.concatenate([[member.inertia for member in linkage.members], -linkage.density * inside]),
+        )
         self._border = (linkage.connected[self._member][:, None] == np.arange(sheets)) * self._spacing[:, None]
         self._without = self._border
         if circulation == "free":
@@ -171,16 +213,16 @@ class AddedMass:
         constants = np.linalg.solve(self._without.T @ uniform, self._without.T @ layers)
         return np.asarray(layers - uniform @ constants)
 
-    def _solids(self, pose: _Pose) -> list[tuple[int, complex, NDArray[np.float64]]]:
-        """Return what is rigid: member, point and the mass, mass and inertia there; of the flow inside, taken off."""
-        solids: list[tuple[int, complex, NDArray[np.float64]]] = []
-        for index, member in enumerate(self.linkage.members):
-            turned, section, density = np.exp(1j * pose.headings[index]), member.section, self.linkage.density
-            place = pose.origins[index] + turned * np.array([member.centre, section.centroid])
-            solids.append((index, place[0], np.array([member.mass, member.mass, member.inertia])))
-            inside = -density * np.array([section.area, section.area, section.inner_energy])
-            solids.append((index, place[1], inside))
-        return solids
+    def _solids(
+        self, pose: _Pose
+    ) -> tuple[NDArray[np.int64], NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64]]:
+        """Return what is rigid, shapes (2 members,): member, point, mass and inertia there.
+
+        First the solids, then, with negative masses, the flow inside of the outlines, taken off.
+        """
+        turned = np.exp(1j * pose.headings)
+        points = np.concatenate([pose.origins + turned * centres for centres in self._centres])
+        return self._solid_members, points, *self._inertias
 
     def matrix(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the mass matrix of solids and water for these joint angles, shape (3 + joints, 3 + joints).
@@ -197,9 +239,14 @@ class AddedMass:
         sheet = self._sheet(pose, stream)
         energy = stream.T @ (self._spacing[:, None] * sheet)
         matrix = 0.5 * self.linkage.density * (energy + energy.T)
-        for member, point, inertia in self._solids(pose):
-            velocity = self.linkage.velocity_at(member, point, 0.0, pose.hinges)
-            matrix += velocity.T @ (inertia[:, None] * velocity)
+        members, points, masses, inertias = self._solids(pose)
+        turned = self.linkage.moved[:, members].T
+        ahead = np.ones_like(points)
+        along = np.column_stack(
+            [ahead, 1j * ahead, 1j * points, 1j * np.where(turned, points[:, None] - pose.hinges, 0)]
+        )
+        turning = np.column_stack([0.0 * masses, 0.0 * masses, np.ones_like(masses), turned])
+        matrix += np.real(np.conj(along).T @ (masses[:, None] * along)) + turning.T @ (inertias[:, None] * turning)
         scale = np.sqrt(np.abs(np.diag(matrix)))
         lowest = np.linalg.eigvalsh(matrix / np.outer(scale, scale))[0] if scale.all() else 0.0
         if not lowest > _ROUNDING:
@@ -213,14 +260,83 @@ class AddedMass:
             MassError: As `matrix`.
             ValueError: With circulation the energy is not stationary: there is no such formula.
         """
-        if self.circulation == "free":
-            msg = "circulation = 'free' has no exact derivatives: tabulate the matrix, or take 'none'"
-            raise ValueError(msg)
+        self._refuse_circulation()
         pose = self._pose(angles)
         with _one_thread():
             matrix, sheet, _ = self._matrix(pose)
             slopes = np.array([self._slope(joint, pose, sheet) for joint in range(self.linkage.joints)])
         return matrix, slopes.reshape(-1, *matrix.shape)
+
+    def _refuse_circulation(self) -> None:
+        if self.circulation == "free":
+            msg = "circulation = 'free' has no exact derivatives: tabulate the matrix, or take 'none'"
+            raise ValueError(msg)
+
+    def without_momentum(
+        self, angles: NDArray[np.float64], rates: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return what moves the joints of a linkage without momentum: m, A and the bias.
+
+        The first member's velocity is -A rates, and m accelerations + bias are the joints' torques. The derivatives of
+        the mass matrix are wanted times that one velocity only, which costs two products in place of one a joint.
+
+        Args:
+            angles: rad, shape (J,).
+            rates: rad/s, shape (J,).
+
+        Returns:
+            m, shape (J, J); A, shape (3, J); the bias, shape (J,).
+
+        Raises:
+            MassError: As `matrix`.
+            ValueError: As `matrix_and_slopes`.
+        """
+        self._refuse_circulation()
+        pose = self._pose(angles)
+        with _one_thread():
+            matrix, sheet, _ = self._matrix(pose)
+            connection = np.linalg.solve(matrix[:3, :3], matrix[:3, 3:])
+            change, pushed = self._change(pose, sheet, np.concatenate([-connection @ rates, rates]))
+        joints = matrix[3:, 3:] - matrix[3:, :3] @ connection
+        return joints, connection, change[3:] - connection.T @ change[:3] - pushed
+
+    def _change(
+        self, pose: _Pose, sheet: NDArray[np.float64], velocity: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return dM/dt times a velocity, shape (3 + J,), and its energy's derivatives by the angles, shape (J,)."""
+        hinges, rates, nodes = pose.hinges, velocity[3:], len(pose.places)
+        members, solids, mass, _ = self._solids(pose)
+        points = np.concatenate([pose.places, solids])
+        turned = np.vstack([self._turned.T, self.linkage.moved[:, members].T])
+        moves = self.linkage.moved[:, 1:].T & ~np.eye(len(hinges), dtype=bool)
+        hinge_shift = np.where(moves, 1j * (hinges[:, None] - hinges), 0.0)  # of a hinge, by an angle
+        arms = np.where(turned, points[:, None] - hinges, 0.0)
+        shift = 1j * arms  # of a point, by an angle
+        moving = velocity[0] + 1j * velocity[1] + 1j * velocity[2] * points + 1j * (arms @ rates)
+        drift, hinge_drift = shift @ rates, hinge_shift @ rates  # as the joints turn, the first member held
+        arm_drift = np.where(turned, drift[:, None] - hinge_drift, 0.0)
+
+        x, dx, weighted = points[:nodes], drift[:nodes], self._spacing[:, None] * sheet
+        layer = weighted @ velocity
+        stream = np.empty((nodes, len(velocity)))
+        stream[:, 0], stream[:, 1], stream[:, 2] = dx.imag, -dx.real, -np.real(np.conj(x) * dx)
+        stream[:, 3:] = -np.real(np.conj(arms[:nodes]) * arm_drift[:nodes])
+        force, flow = np.zeros(nodes, dtype=np.complex128), np.zeros(nodes)
+        _drifting(x, dx, self._member, layer, force, flow)
+        change = self.linkage.density * (stream.T @ layer + weighted.T @ (stream @ velocity - flow))
+        lever = rates * (layer @ np.conj(arms[:nodes]))
+        pushed = np.imag((layer * np.conj(moving[:nodes])) @ shift[:nodes]) + np.real(lever @ hinge_shift)
+        pushed = self.linkage.density * (pushed + np.real(force @ shift[:nodes]))
+
+        own, own_arms, own_drift = moving[nodes:], arms[nodes:], arm_drift[nodes:]
+        own_turned = turned[nodes:] * rates
+        basis = 1j * np.column_stack([np.full(len(mass), -1j), np.ones(len(mass)), points[nodes:], own_arms])
+        faster = 1j * (velocity[2] * drift[nodes:] + own_drift @ rates)
+        change += np.real((mass * np.conj(faster)) @ basis)
+        change[2:] += np.real((mass * np.conj(own)) @ (1j * np.column_stack([drift[nodes:], own_drift])))
+        turning = velocity[2] + own_turned.sum(axis=1)
+        pushed += np.real((mass * np.conj(own)) @ (1j * (turning[:, None] * shift[nodes:] - own_turned @ hinge_shift)))
+        return change, pushed
 
     def _slope(self, joint: int, pose: _Pose, sheet: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the derivative of the mass matrix by one joint's angle."""
@@ -240,7 +356,8 @@ class AddedMass:
         weighted = self._spacing[:, None] * sheet
         across = weighted[turned].T @ (kernel_motion @ weighted[~turned])
         slope = self.linkage.density * (explicit + explicit.T - across - across.T)
-        for member, point, inertia in self._solids(pose):
+        for member, point, mass, own_inertia in zip(*self._solids(pose), strict=True):
+            inertia = np.array([mass, mass, own_inertia])
             velocity = self.linkage.velocity_at(member, point, 0.0, hinges)
             moves = self.linkage.moved[:, member]
             point_motion = 1j * (point - hinge) if moves[joint] else 0.0
@@ -267,7 +384,8 @@ class AddedMass:
         stream = motions.reshape(len(pose.places), 3 * count)
         energy = stream.T @ (self._spacing[:, None] * self._sheet(pose, stream))
         matrix = 0.5 * self.linkage.density * (energy + energy.T)
-        for member, point, inertia in self._solids(pose)[1::2]:
+        for member, point, mass, own_inertia in zip(*(part[count:] for part in self._solids(pose)), strict=True):
+            inertia = np.array([mass, mass, own_inertia])
             arm = 1j * (point - pose.origins[member])
             velocity = np.array([[1.0, 0.0, arm.real], [0.0, 1.0, arm.imag], [0.0, 0.0, 1.0]])
             part = slice(3 * member, 3 * member + 3)

@@ -28,7 +28,9 @@ from fin_sim.dynamics import (
     YAW_RATE,
     StepError,
 )
-from fin_sim.ideal_2d.plane_fish import slice_of, table_of
+from fin_sim.ideal_2d.added_mass import AddedMass
+from fin_sim.ideal_2d.direct_dynamics import Direct
+from fin_sim.ideal_2d.plane_fish import linkage_of, slice_of, table_of
 from fin_sim.ideal_2d.table import MOST_JOINTS_ON_A_GRID, evaluate_table, refuse_fold
 
 if TYPE_CHECKING:
@@ -44,7 +46,8 @@ DRIVEN_REACHES = (0.35, 0.6, 0.9, 1.2)
 PASSIVE_REACHES = (0.7, 1.2)
 """Half-widths of the table, rad: the least that holds what is commanded; those that are tried in turn for hinges."""
 OF_MANY = ((0.2, 4), (0.45, 4))
-"""The same for the hinges of a fin with many, each of which bends less, with the degree."""
+"""The same for the hinges of a fin with many, each of which bends less, with the degree. What bends further swims
+without a table."""
 
 
 @kernel
@@ -310,7 +313,8 @@ class PlaneStepper(dynamics.Stepper):
         The records have no forces on the tail: what water presses on the tail alone is not worked out, NaN.
 
         Raises:
-            FoldError: A joint left the largest table.
+            FoldError: A joint left the largest table or, of many, what can be solved for.
+            CollisionError: Links touch.
             StepError: The state stopped being finite.
         """
         joints = len(self.chain.links)
@@ -344,8 +348,26 @@ class PlaneStepper(dynamics.Stepper):
             )
             if written > samples:
                 return states, records
+        if len(self.chain.links) > MOST_JOINTS_ON_A_GRID:
+            state[:] = begin
+            self._direct(table).integrate(state, drive, self.every // self._stride, states, records)
+            if not np.isfinite(state).all():
+                raise StepError(samples * self.sample_time)
+            return states, records
         angles = state[BODY_STATES : BODY_STATES + joints]
         if not np.isfinite(angles).all():
             raise StepError(written * self.sample_time)
         refuse_fold(angles, table.reach, written * self.sample_time)
         raise StepError(written * self.sample_time)
+
+    def _direct(self, table: Table) -> Direct:
+        """Return the fish with its water solved for in every pose."""
+        return Direct(
+            water=AddedMass(linkage_of(self._fish)),
+            driven=np.array(self.chain.driven),
+            stiffness=self._springs[0],
+            damping=self._springs[1],
+            exponentials=self._exponentials(table),
+            current=complex(self.chain.water.current_x, self.chain.water.current_y),
+            step=self.step * self._stride,
+        )

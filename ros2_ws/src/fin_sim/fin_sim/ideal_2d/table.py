@@ -47,7 +47,7 @@ class FoldError(FoldedError):
     def __str__(self) -> str:
         when = "" if self.time is None else f" at t = {self.time:.3g} s"
         return (
-            f"joint {self.joint + 1} folds to {self.angle:.3g} rad{when}, the table of the plane flow holds "
+            f"joint {self.joint + 1} folds to {self.angle:.3g} rad{when}, the plane flow holds from "
             f"{-self.reach:.3g} to {self.reach:.3g} rad: take a stiffer fin, a slower or smaller beat"
         )
 
