@@ -150,8 +150,9 @@ def test_a_stop_that_nobody_hears_is_said_so(start: Start) -> None:
     async def scene() -> None:
         async with PageClient(address) as page:
             await page.until(lambda: page.snapshot.get("graph", {}).get("lost"), "a lost graph")
-            await page.send(do="stop")
+            await page.send(do="stop", late=95)
             await page.until(lambda: (page.snapshot["stop"] or {}).get("state") == "lost", "no answer")
+            assert page.snapshot["stop"]["text"].startswith("SENT LATE, 95 s after it was pressed; ")
             assert "NO ANSWER TO THE EMERGENCY STOP" in json.dumps(page.snapshot["stop"])
 
     run(scene)

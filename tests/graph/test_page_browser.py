@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from support.network import network
 from support.page_browser import DESKTOP, PHONE, chromium, opened, wait_for_text
 from support.page_client import address_of
 
@@ -149,6 +150,40 @@ def test_what_is_lost_is_said_within_a_second_and_comes_back(start: Start, tmp_p
         # What was pressed without a connection is sent now.
         wait_for_text(phone, "#state", "FAULT")
         wait_for_text(phone, "#stop-text", "heard by /fish/simulator")
+
+
+def test_without_a_network_a_stop_is_sent_late_and_a_start_never(start: Start, tmp_path: Path, browser: Any) -> None:
+    words = (f"study_folder:={tmp_path / 'study'}", "disk.minimum_free:=0", "trials:=2000", "speed:=4.0")
+    start("fin_bringup", "bringup", *words)
+    _, address = start_page(start)
+    with network(int(address.rpartition(":")[2])) as between:
+        there = address.replace(address.rpartition(":")[2], str(between.port))
+        with opened(browser, there, PHONE) as phone, opened(browser, address, DESKTOP) as desktop:
+            wait_for_text(phone, "#state", "SWIMMING")
+            press(phone, "pause")
+            phone.locator("button[data-action=start]:enabled").wait_for()
+            between.die()
+            # At once, while the page does not know yet that nobody hears it; and again when it knows.
+            phone.evaluate(
+                "() => { window.before = document.querySelector('button[data-action=start]'); before.click(); }"
+            )
+            phone.wait_for_selector("body[data-lost=true]")
+            phone.evaluate("() => before.click()")
+            phone.locator("#stop").tap()
+            wait_for_text(phone, "#stop-text", "no connection: USE THE SWITCH OF THE SERVOS. It is sent when")
+            desktop.wait_for_function(
+                "() => document.getElementById('pages').textContent === ''"
+            )  # the server gave it up
+            between.revive()
+            phone.wait_for_selector("body[data-lost=false]")
+            wait_for_text(phone, "#stop-text", "SENT LATE, ")
+            wait_for_text(phone, "#state", "FAULT")
+            phone.locator("button[data-action=start]:enabled").wait_for()  # still paused
+    deeds = [line.split("\t")[2] for line in (tmp_path / "study" / "page.log").read_text().splitlines()]
+    pressed = [deed for deed in deeds if deed.startswith("pressed")]
+    assert pressed[0] == "pressed: Pause after this trial"
+    assert re.fullmatch(r"pressed: EMERGENCY STOP, \d+ s ago without a connection", pressed[1])
+    assert len(pressed) == 2
 
 
 def test_a_wrong_token_shows_nothing_and_a_foreign_page_reaches_nothing(start: Start, browser: Any) -> None:

@@ -70,6 +70,7 @@ class Stop:
         time: When it was pressed, as a clock shows it.
         address: Of the page.
         waiting: Plants that have not answered.
+        late: s for which it could not be sent, 0 where it came at once.
         heard: What each plant that has heard it said, and after how many ms.
         lost: What is said where no answer came.
     """
@@ -78,13 +79,15 @@ class Stop:
     time: str
     address: str
     waiting: list[str]
+    late: int = 0
     heard: dict[str, str] = field(default_factory=dict)
     lost: list[str] = field(default_factory=list)
 
     def told(self) -> dict[str, object]:
         """Return it as JSON has it."""
         state = "lost" if self.lost else "waiting" if self.waiting or not self.heard else "heard"
-        text = "; ".join([*self.lost, *(f"heard by {node}, {said}" for node, said in self.heard.items())])
+        late = [f"SENT LATE, {self.late} s after it was pressed"] if self.late else []
+        text = "; ".join([*late, *self.lost, *(f"heard by {node}, {said}" for node, said in self.heard.items())])
         return {"number": self.number, "state": state, "time": self.time, "address": self.address, "text": text}
 
 

@@ -286,15 +286,21 @@ class GraphClient:
             return self._driver.ask(offer.action)
         return True
 
-    def stop(self, address: str) -> None:
-        """Latch the emergency stop of every plant that is there; of those that may be where none is."""
+    def stop(self, address: str, late: int = 0) -> None:
+        """Latch the emergency stop of every plant that is there; of those that may be where none is.
+
+        Args:
+            address: Of the page.
+            late: s for which the page had no connection to send it by.
+        """
         self._driver.drop_unsent()
         ready = [name for name, client in self._stops.items() if client.service_is_ready()]
         asked = ready or ([self._board.plant_name] if self._board.plant_name else [*self._stops])
-        self._board.stop = Stop(next(self._stop_numbers), _clock(), address, list(asked))
+        self._board.stop = Stop(next(self._stop_numbers), _clock(), address, list(asked), late)
         for name in asked:
             self._requests.send(stop_request(self._stop_of(name), on=True))
-        self._happened(address, "pressed: EMERGENCY STOP")
+        when = f", {late} s ago without a connection" if late else ""
+        self._happened(address, f"pressed: EMERGENCY STOP{when}")
 
     def _on_answer(self, answer: Answer) -> None:
         now, node = time.monotonic(), answer.service.rpartition("/")[0]

@@ -33,6 +33,8 @@ _FILES = {
 _LARGEST_MESSAGE = 4096
 _MOST_KEYS = 16
 _MOST_PAGES = 16
+_LATEST = 86_400
+"""s for which a page may say that it had no connection."""
 _PING = 2.0
 """s between two questions to a page whether it is still there."""
 _HEADERS = {
@@ -65,8 +67,8 @@ class Graph(Protocol):
     def press(self, viewer: int, address: str, key: str) -> None:
         """One of them was pressed."""
 
-    def stop(self, address: str) -> None:
-        """The emergency stop was pressed."""
+    def stop(self, address: str, late: int) -> None:
+        """The emergency stop was pressed, so many s ago where there was no connection then."""
 
 
 @dataclass
@@ -201,8 +203,10 @@ class Server:
         except ValueError:
             said = None
         match said:
-            case {"do": "stop"}:
-                self._graph.submit(self._graph.stop, viewer.address)
+            case {"do": "stop"}:  # whatever else is said with it
+                late = said.get("late")
+                known = isinstance(late, int) and 0 < late <= _LATEST
+                self._graph.submit(self._graph.stop, viewer.address, late if known else 0)
             case {"do": "press", "key": str(key)}:
                 self._graph.submit(self._graph.press, viewer.number, viewer.address, key)
             case {"do": "see", "keys": [*keys]} if len(keys) <= _MOST_KEYS and all(isinstance(k, str) for k in keys):

@@ -28,7 +28,7 @@ let frame = null;
 let frameAt = -Infinity;
 let search = { scores: [], best: [], trials: 0, label: "" };
 let trace = [];
-let press = null; // of the emergency stop on this page: when, whether it was sent, what was told of a stop before
+let press = null; // of the emergency stop on this page: when, sent at once or late, what was told of a stop before
 let shownKeys = "";
 
 // -- the connection ---------------------------------------------------------------------------------------------------
@@ -77,17 +77,19 @@ function tell(message) {
 
 function take(told) {
   if (told.kind === "hello") {
-    const unheard = press && !press.took && performance.now() - press.at < STOP_AGAIN;
+    const unheard = press && !press.heard && performance.now() - press.at < STOP_AGAIN;
     if (session && session !== told.session) { // another server: this page is an old one
-      if (unheard) sessionStorage.setItem("stop", "unheard");
+      if (unheard) sessionStorage.setItem("stop", String(Date.now() - (performance.now() - press.at)));
       location.reload();
       return;
     }
     session = told.session;
     me = told.you;
     whyNot = "Nothing comes from the page's server any more.";
-    if (unheard || sessionStorage.getItem("stop")) stop();
+    const before = Number(sessionStorage.getItem("stop")); // pressed before the page was loaded anew
     sessionStorage.removeItem("stop");
+    if (unheard) stop(press.at);
+    else if (before) stop(performance.now() - (Date.now() - before));
     tell({ do: "look", on: !document.hidden });
   } else if (told.kind === "snapshot") {
     snapshot = told;
@@ -257,23 +259,33 @@ function newButton(offer) {
 
 // -- the emergency stop -----------------------------------------------------------------------------------------------
 
-function stop() {
-  press = { at: performance.now(), before: JSON.stringify(snapshot?.stop?.number ?? null), took: "" };
-  press.sent = tell({ do: "stop" });
+// A stop harms nothing, however late it comes: one that nobody heard is sent again, and says how late. No other button
+// is ever sent later than it was pressed.
+function stop(pressed = null) {
+  const now = performance.now();
+  const late = pressed === null ? 0 : Math.max(1, Math.round((now - pressed) / 1000));
+  press = { at: pressed ?? now, before: JSON.stringify(snapshot?.stop?.number ?? null), took: "", late };
+  press.sent = tell(late ? { do: "stop", late } : { do: "stop" });
   showStop();
 }
 
 function showStop() {
   const told = connected() ? snapshot?.stop : null;
   const mine = press && told && JSON.stringify(told.number) !== press.before; // the server knows of this press
-  if (mine && told.state === "heard" && !press.took) {
-    press.took = `on this screen ${Math.round(performance.now() - press.at)} ms after the touch`;
+  if (mine && told.state === "heard" && !press.heard) {
+    const took = Math.round(performance.now() - press.at);
+    press.took = press.late ? "" : `on this screen ${took} ms after the touch`;
+    press.heard = true;
   }
   let text = "";
-  if (press && !press.took && (!press.sent || !connected())) {
-    text = "NOT HEARD, no connection: USE THE SWITCH OF THE SERVOS.";
-  } else if (press && !mine && !press.took) {
-    text = performance.now() - press.at > STOP_PATIENCE ? "NO ANSWER YET: USE THE SWITCH OF THE SERVOS." : "STOP sent ...";
+  const age = press ? performance.now() - press.at : 0;
+  if (press && !press.heard && !connected()) {
+    const later = age < STOP_AGAIN ? " It is sent when the connection is back." : " It is not sent any more: press it again.";
+    text = `${press.sent ? "NOT HEARD" : "NOT SENT"}, no connection: USE THE SWITCH OF THE SERVOS.${later}`;
+  } else if (press && !press.heard && !press.sent) {
+    text = `NOT SENT: pressed ${Math.round(age / 60_000)} min ago without a connection. Press it again if it is needed.`;
+  } else if (press && !mine && !press.heard) {
+    text = age > STOP_PATIENCE ? "NO ANSWER YET: USE THE SWITCH OF THE SERVOS." : "STOP sent ...";
   } else if (told) {
     const from = press ? press.took : `pressed at ${told.address}`;
     text = told.state === "waiting" ? "STOP sent ..." : ["STOP", told.text, from].filter(Boolean).join(" · ");
@@ -281,7 +293,7 @@ function showStop() {
   say("stop-text", text);
 }
 
-at("stop").addEventListener("pointerdown", stop);
+at("stop").addEventListener("pointerdown", () => stop());
 at("stop").addEventListener("click", (event) => { if (event.detail === 0) stop(); }); // by a key or a screen reader
 document.addEventListener("keydown", (event) => {
   if (event.code !== "Space") return;
