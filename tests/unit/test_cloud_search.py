@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,6 +18,9 @@ from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, Gait, sub_carangiform
 from fin_sim.batch import swim_batch
 from fin_sim.swim import PAPER_FISH
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 STOCK = Space((Choice("fin.young_modulus", (1.6e9, 3.3e9), "Pa"), Choice("fin.thickness", (2e-4, 3e-4, 5e-4), "m")))
 FISH, DURATION = 24, 4.0
@@ -83,6 +87,7 @@ def test_the_order_of_trials_changes_no_belief() -> None:
     assert one.mean == pytest.approx(other.mean)
 
 
+NOTHING = np.array([], dtype=np.intp)
 SPEEDS = np.array([[0.02, 0.03, 0.025], [0.04, 0.03, 0.02], [0.05, 0.01, 0.03]])
 PLACES = np.array([[0.0, 0.0], [1.0, 0.5], [3.0, 4.0]])
 
@@ -118,45 +123,48 @@ def test_fish_that_are_all_most_unlikely_count_as_they_are_to_each_other() -> No
 
 
 def test_gains_are_the_integral_over_what_a_trial_may_tell() -> None:
+    """A trial weighs the fish, and moves what no fish explains too."""
     each_another = np.array([[0.03, 0.06, 0.03], [0.036, 0.02, 0.02], [0.04, 0.03, 0.07]])
     cloud = Cloud(each_another, np.log([0.2, 0.5, 0.3]), PLACES, 0.15, 0.4)
     belief = cloud.belief(np.array([0]), np.array([0.036]))
-    speeds = np.exp(belief.logarithms + 0.5 * belief.variance)
     outcomes = np.linspace(-8.0, 0.0, 20_001)
     expected = []
     for fin in range(3):
-        variance = belief.variance[fin] + 0.15**2
-        density = np.exp(-0.5 * (outcomes[:, None] - belief.logarithms[:, fin]) ** 2 / variance)
-        best = np.max(density * belief.weights @ speeds, axis=1)
-        expected.append(np.trapezoid(best, outcomes) / np.sqrt(2.0 * np.pi * variance) / belief.mean.max() - 1.0)
-    found = np.mean([cloud.gains(belief, np.random.default_rng(seed)) for seed in range(300)], axis=0)
-    assert found == pytest.approx(np.array(expected), abs=2.5e-3)
+        total = belief.variance[fin] + 0.15**2
+        share = belief.covariance[fin] / total
+        left = outcomes[:, None] - belief.logarithms[:, fin]
+        density = belief.weights * np.exp(-0.5 * left**2 / total)
+        variance = belief.variance - share * belief.covariance[fin]
+        after = belief.logarithms[None] + left[:, :, None] * share + 0.5 * variance
+        best = np.max(np.einsum("of,ofn->on", density, np.exp(after)), axis=1)
+        expected.append(np.trapezoid(best, outcomes) / np.sqrt(2.0 * np.pi * total) / belief.mean.max() - 1.0)
+    found = np.mean([cloud.gains(belief, np.random.default_rng(seed)) for seed in range(100)], axis=0)
+    assert found == pytest.approx(np.array(expected), abs=8e-3)
     assert max(expected) > 0.15
 
 
-def test_of_very_many_fish_so_many_are_thought_through_by_their_weights(monkeypatch: pytest.MonkeyPatch) -> None:
-    def gains(*weights: float, drawn: int = 0) -> list[float]:
-        one = Cloud(SPEEDS[: len(weights)], np.log(weights), PLACES, 0.05, 0.0)
-        random = np.random.default_rng(3)
-        random.random(drawn)
-        return list(one.gains(one.belief(np.array([], dtype=np.intp), np.array([])), random))
-
-    two, equal = gains(0.9, 0.1), gains(0.5, 0.5, drawn=1)
-    monkeypatch.setattr(cloud_module, "_MOST", 2)
-    assert gains(0.9, 0.1) == two
-    assert gains(0.499995, 0.499995, 1e-5) == pytest.approx(equal), "the third is drawn once in 100 000 times"
+def test_expected_regret_is_that_of_the_mixture() -> None:
+    """Of two fish as likely as each other one is best with another fin, and misses a third."""
+    speeds = np.array([[0.04, 0.03, 0.01], [0.02, 0.03, 0.01]])
+    belief = Cloud(speeds, np.zeros(2), np.array([[0.0], [10.0], [20.0]]), 0.05, 0.0).belief(NOTHING, np.array([]))
+    slower, sure = cloud_module.regret(belief, np.random.default_rng(1))
+    assert belief.best == 1
+    assert slower == pytest.approx(0.5 * (1.0 - 0.03 / 0.04), rel=1e-6)
+    assert sure == pytest.approx(0.5)
 
 
-def test_a_fish_far_less_likely_than_the_others_is_not_thought_through() -> None:
-    one = Cloud(SPEEDS[:2], np.log([1.0, 5e-7]), PLACES, 0.05, 0.0)
-    gains = one.gains(one.belief(np.array([], dtype=np.intp), np.array([])), np.random.default_rng(1))
-    assert gains == pytest.approx(np.zeros(3), abs=1e-12)
-
-
-def test_many_fish_that_are_all_as_likely_are_thought_through() -> None:
-    one = Cloud(np.tile(two_fish().speeds, (750, 1)), np.zeros(1500), two_fish().places, 0.05, 0.0)
-    gains = one.gains(one.belief(np.array([], dtype=np.intp), np.array([])), np.random.default_rng(1))
-    assert gains == pytest.approx([0.035 / 0.03 - 1.0, 0.0, 0.035 / 0.03 - 1.0])
+def test_what_lies_between_the_fish_of_a_cloud_is_believed_where_few_are_near() -> None:
+    """A fish between those of a thin cloud: its speed with a fin that was not tried follows from its neighbours'."""
+    random = np.random.default_rng(3)
+    drag = random.standard_normal(1000)
+    place = random.standard_normal(1000)
+    logarithms = np.log(0.03) + np.stack((0.5 * drag, 0.5 * drag + 0.5 * place, 0.5 * place), axis=1)
+    cloud = Cloud(np.exp(logarithms), np.zeros(1000), np.array([[0.0], [10.0], [20.0]]), 0.002, 0.0)
+    belief = cloud.belief(np.array([0, 1]), 0.03 * np.exp([0.4, 0.9]))  # drag 0.8 and place 1
+    assert np.log(belief.mean[2] / 0.03) == pytest.approx(0.5, abs=0.02)
+    assert belief.effective_size > 3.0
+    narrow = np.exp(-0.5 * (((logarithms[:, 0] - np.log(0.03) - 0.4) / 0.002) ** 2))
+    assert narrow.sum() ** 2 / (narrow**2).sum() < 6.0, "the weights alone would have collapsed"
 
 
 def test_places_are_drawn_evenly_by_their_weights() -> None:
@@ -168,30 +176,54 @@ def test_places_are_drawn_evenly_by_their_weights() -> None:
 
 def test_fish_drawn_anew_stand_for_the_same_belief() -> None:
     random = np.random.default_rng(2)
-    numbers, kinds = random.standard_normal((1500, 2)), np.zeros(1500, dtype=np.intp)
+    numbers, kinds = random.standard_normal((1500, 2)), np.arange(1500) % len(plausible.KINDS)
 
     def likelihood(rows: np.ndarray) -> np.ndarray:
         return np.asarray(np.exp(-0.5 * ((rows[:, 0] - 1.5) / 0.2) ** 2))
 
     weights = likelihood(numbers) / likelihood(numbers).sum()
-    fresh, fresh_kinds, importance = plausible.drawn_around(numbers, kinds, weights, 1500, 0.35, random)
-    again = np.exp(importance) * likelihood(fresh)
+    fins = plausible.Fins((Fin(),), (PAPER_GAIT,), DURATION)
+    prior = plausible.Fish.of(fins, numbers, kinds)
+    prior.swum = 1500
+    fresh = plausible.drawn_around(numbers, kinds, weights, 1500, random)
+    both = plausible.with_fresh(prior, fins, prior, weights, fresh)
+    again = np.exp(both.importance) * likelihood(both.numbers)
     again /= again.sum()
     # Prior and likelihood are Gaussian: the mean of the first number is 1.5 / (1 + 0.2^2).
-    assert again @ fresh[:, 0] == pytest.approx(1.5 / 1.04, abs=0.03)
-    assert again @ fresh[:, 1] == pytest.approx(0.0, abs=0.1)
-    assert 1.0 / np.sum(again**2) > 3.0 / np.sum(weights**2) / 4.0
-    assert set(fresh_kinds.tolist()) <= set(range(len(plausible.KINDS)))
+    assert again @ both.numbers[:, 0] == pytest.approx(1.5 / 1.04, abs=0.03)
+    assert again @ both.numbers[:, 1] == pytest.approx(0.0, abs=0.1)
+    assert 1.0 / np.sum(again**2) > 1.5 / np.sum(weights**2)
+    assert set(fresh[1].tolist()) <= set(range(len(plausible.KINDS)))
+    assert both.left == 1500
+
+
+def test_a_cloud_swims_slice_by_slice_and_is_kept(tmp_path: Path) -> None:
+    one = replace(cloud_search(), kept=tmp_path)
+    parts = [one.prepare([])]
+    while parts[-1] < 1.0:
+        parts.append(one.prepare([]))
+    assert parts == [16 / 24, 1.0]
+    (file,) = tmp_path.iterdir()
+    again = replace(cloud_search(), kept=tmp_path)
+    assert again.prepare([]) == 1.0
+    assert again.told([]) == one.told([]) == cloud_search().told([])
+    file.write_bytes(file.read_bytes()[:200])
+    assert replace(cloud_search(), kept=tmp_path).prepare([]) < 1.0, "a broken file is made again"
+    other = CloudSearch(STOCK, 1, swum, 2.0 * DURATION, fish=FISH, kept=tmp_path)
+    assert other.prepare([]) < 1.0, "another swim has other speeds"
 
 
 def test_speeds_of_plausible_fish_are_the_simulators() -> None:
     fins = plausible.Fins((Fin(), Fin(young_modulus=4e9, length=0.1)), (PAPER_GAIT, PAPER_GAIT), DURATION)
     kinds = np.array([0, 6], dtype=np.intp)
+    rows = PAPER_GAIT.rows()
+    rows[:, 0] /= np.hypot(1.0, 2.0 * np.pi * rows[:, 1] * plausible.SERVO_LAG)  # as of a filter of first order
+    lagging = Gait.from_rows(rows)
     speeds = plausible.speeds(fins, np.zeros((2, fins.numbers)), kinds)
     for row, kind in zip(speeds, kinds, strict=True):
         segments, hinges, reactive = plausible.KINDS[kind]
         built = [replace(fin, segments=segments, hinges=hinges) for fin in fins.fins]
-        swims = swim_batch(built, PAPER_FISH, PAPER_GAIT, DURATION, reactive=reactive)
+        swims = swim_batch(built, PAPER_FISH, lagging, DURATION, reactive=reactive)
         assert row == pytest.approx(swims.mean_forward_speed, rel=2e-3)
 
 

@@ -77,6 +77,7 @@ CORE_MODULES = {
     "fin_optimizer.search.quasi_random",
     "fin_optimizer.search.random_search",
     "fin_optimizer.search.space",
+    "fin_optimizer.search.told",
     "fin_optimizer.trial.facts",
     "fin_optimizer.trial.gait_check",
     "fin_optimizer.trial.phases",

@@ -21,19 +21,6 @@ DEB = (
 )
 """What the searches do under constraints."""
 FRONT = "test_known_numbers.py::test_each_fin_of_the_pareto_front_is_a_parent_as_often"
-CLOUD = (
-    "test_weights_follow_bayes",
-    "test_a_fin_on_which_all_fish_agree_teaches_nothing",
-    "test_fins_are_alike_by_their_distance",
-    "test_a_belief_has_the_moments_of_its_mixture",
-    "test_fish_that_are_all_most_unlikely_count_as_they_are_to_each_other",
-    "test_gains_are_the_integral_over_what_a_trial_may_tell",
-    "test_of_very_many_fish_so_many_are_thought_through_by_their_weights",
-    "test_a_fish_far_less_likely_than_the_others_is_not_thought_through",
-    "test_many_fish_that_are_all_as_likely_are_thought_through",
-    "test_places_are_drawn_evenly_by_their_weights",
-)
-"""What is believed, without a swim."""
 # The files that decide, each with its tests, the quickest first.
 TESTS = {
     "goals": ["test_goals.py"],
@@ -45,7 +32,6 @@ TESTS = {
         "test_cloud_search.py::test_a_study_names_it_and_two_objectives_are_refused",
         "test_searches.py",
     ],
-    "search/cloud": [f"test_cloud_search.py::{test}" for test in CLOUD],
     "search/many": [
         "test_many.py",
         "test_space_campaign.py::test_candidates_as_columns_are_what_a_plant_is_sent",
@@ -81,9 +67,9 @@ TESTS = {
 READ_A_SPACE = {f"search/{name}" for name in ("conditions", "names", "rules", "space_file", "stock", "ties")}
 """What a space file says, in the searches' room: not changed here, their tests are too slow for it. In gp most numbers
 are of how long it looks, and another one finds other candidates that are as good: `compare_searches` judges it."""
-SWIM_A_CLOUD = {"search/cloud_search", "search/plausible"}
-"""Whose tests swim many fish, 10 s a mutant. Most numbers are of how long it looks (how many fish and fins, when the
-cloud is drawn anew), and others find fins that are as good: `make bench-search` judges them."""
+SWIM_A_CLOUD = {f"search/{name}" for name in ("cloud", "cloud_search", "kept_speeds", "plausible", "told")}
+"""Whose tests swim many fish, 10 s a mutant, or draw from a belief. Most numbers are of how long it looks (how many
+fish and fins, when the cloud is drawn anew), and others find fins that are as good: `make bench-search` judges them."""
 LARGEST = {
     "search/space": 60,
     "search/genetic": 60,
@@ -111,14 +97,6 @@ EQUIVALENT = {
         "at - int(random.integers(1, dimension.count))": ("as far the other way round is each of the others as often"),
         "gaussian_step: random.random() < 1.0 / len(space.dimensions) -> "
         "random.random() <= 1.0 / len(space.dimensions)": "no draw is exactly that",
-    },
-    "search/cloud": {
-        "gains: belief.weights > 1e-06 * belief.weights.max() -> belief.weights >= 1e-06 * belief.weights.max()": (
-            "no weight is exactly that"
-        ),
-        "gains: logarithms[drawn, fin] + spread * error -> logarithms[drawn, fin] - spread * error": (
-            "the errors are as many and as large the other way round"
-        ),
     },
     "search/many": {
         "columns_of: len(gait.joints) > 1 and set(searched) & set(names.WHOLE) -> "

@@ -22,6 +22,7 @@ from fin_optimizer.mode import Mode
 from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.progress import display, show_best
+from fin_optimizer.search.told import Simulating
 from fin_optimizer.study import final_report
 from fin_optimizer.study.candidate import is_for_another
 from fin_optimizer.study.journal import StudyError
@@ -31,7 +32,7 @@ from fin_optimizer.study.report import CSV_FILE
 from fin_optimizer.study.resume_check import check_scores
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.swimmer import Conditions, Swimmer
-from fin_optimizer.words import near, trial_name
+from fin_optimizer.words import near, show_values, trial_name
 from fin_plant import node_process, topics
 from fin_plant.checks import counted
 from fin_plant.messages import key_values
@@ -221,15 +222,12 @@ class Optimizer:
         elif self._mode is Mode.PAUSING and not busy:
             self._mode = Mode.HOLDING
         elif self._mode is Mode.RUNNING and now >= self._start_at and len(busy) < len(self._swimmers):
-            return self._begin_trials(now, wait)
+            held = self._thinks()
+            return self._begin_trials(now, wait) if held is None else held
         return wait
 
     def _begin_trials(self, now: float, wait: float) -> float:
         """Give every fish without a trial its next one; return how long to wait then, in s."""
-        if self._study.settled() >= self._total:
-            self._cancel("the study is complete")
-            self._finish(node_process.EXIT_OK)
-            return _IDLE_PERIOD
         for swimmer in self._swimmers:
             if swimmer.trial is not None or not self._takes_part(swimmer):
                 continue
@@ -252,6 +250,38 @@ class Optimizer:
         if self._left_out and len(self._left_out) == len(self._swimmers):
             self._all_left_out()
         return wait
+
+    def _thinks(self) -> float | None:
+        """Return how long to wait as no trial is due: the study is complete, or the search simulates; else None."""
+        if self._study.settled() >= self._total:
+            self._complete("the study is complete")
+            return _IDLE_PERIOD
+        search = self._plan.search
+        if not isinstance(search, Simulating):
+            return None
+        done = search.prepare(self._study.history)
+        if done < 1.0:
+            self._display.show("simulating", f"{done:.0%} of the cloud of fish")
+            return 0.0
+        if not self._knows_enough(search):
+            return None
+        if all(swimmer.trial is None for swimmer in self._swimmers):
+            self._complete("enough is known")
+        return _IDLE_PERIOD
+
+    def _knows_enough(self, search: Simulating) -> bool:
+        """Whether the best fin is expected to miss less than another trial would be worth."""
+        scored = any(entry.score is not None for entry in self._study.history)
+        return scored and search.told(self._study.history).regret < self._plan.stop_regret
+
+    def _complete(self, why: str) -> None:
+        """End the study; a search that simulates says how sure it is of its best."""
+        self._cancel(why)
+        search = self._plan.search
+        if isinstance(search, Simulating) and search.prepare(self._study.history) == 1.0:
+            told = search.told(self._study.history)
+            self._display.say(f"{why}; expected to be fastest: {show_values(told.best)}, {told.text}")
+        self._finish(node_process.EXIT_OK)
 
     def _begin(self, swimmer: Swimmer, record: TrialRecord) -> None:
         started = record.started.isoformat() if record.started is not None else ""

@@ -70,6 +70,7 @@ class StudyPlan:
         gait: What every fish swims; where it is searched, one as wide and as fast as any that may be.
         measurement: Which part of a swim is scored.
         timeouts: When a trial is given up.
+        stop_regret: Expected regret, a share of the best speed, below which a search that knows it ends.
         settings: What must not change while the study goes on.
         files: What a space was read from, by the names of the study's copies.
     """
@@ -87,6 +88,7 @@ class StudyPlan:
     gait: Gait
     measurement: Measurement
     timeouts: Timeouts
+    stop_regret: float
     settings: Settings
     files: Mapping[str, bytes]
 
@@ -141,6 +143,7 @@ class StudyPlan:
             gait=gait,
             measurement=measurement,
             timeouts=_built(Timeouts, values, "timeout."),
+            stop_regret=values["search.stop_regret"],
             settings=settings,
             files={} if given is None else given.files,
         )

@@ -169,7 +169,9 @@ class Rehearsal:
         values = self._parameters.values
         self._robot = robot_file.load(robot_file.find(str(values["robot_file"])))
         names = ("mass", "drag", "stiffness", "servo_lag")
-        deviation = Deviation(**{name: cast("float", values[f"hidden.{name}"]) for name in names})
+        seed = cast("int", values["hidden.seed"])
+        chosen = {name: cast("float", values[f"hidden.{name}"]) for name in names}
+        deviation = Deviation.drawn(seed) if seed else Deviation(**chosen)
         peduncle = {name: value for name, value in values.items() if name in PARAMETERS.group("peduncle")}
         self._fish = HiddenFish(Fin(), len(self._robot.joints), deviation, peduncle)
         self._every = _divisor(cast("float", values["camera.rate"]))

@@ -24,6 +24,7 @@ from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
 from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
+from fin_plant.private_folder import private_folder
 from fin_sim.swim import PAPER_FISH
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def swum(values: Values) -> tuple[Fin, Gait]:
 def _cloud_search(seed: int) -> CloudSearch:
     from fin_optimizer.search.cloud_search import CloudSearch  # noqa: PLC0415
 
-    return CloudSearch(SPACE, seed, swum, DURATION)
+    return CloudSearch(SPACE, seed, swum, DURATION, kept=private_folder("fin_clouds"))
 
 
 def _fins(*, with_effects: bool) -> tuple[list[Values], Fins]:

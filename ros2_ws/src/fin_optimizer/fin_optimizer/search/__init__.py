@@ -14,6 +14,8 @@ nsga2         NSGA-II
 random_search, quasi_random  candidates that no score decides
 algorithms    all of them by name, and what each can do
 cloud_search  a cloud of plausible fish (`plausible`), weighed by the scores (`cloud`), chooses what tells most
+kept_speeds   what a cloud swam, kept for the next study of the same fins
+told          what such a search says of its best, and how it works in slices
 features, gaussian_process   the model of gp
 pareto        fronts of candidates by several objectives
 one_by_one    asks a search by generations for one candidate at a time

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
 from fin_optimizer.search.space import Choice
+from fin_plant.private_folder import private_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -127,7 +128,8 @@ def _cloud(space: Space, seed: int, constraints: int, swimming: Swimming | None)
         needed = "it needs objective speed, and each candidate's fin and gait"
         msg = f"search.algorithm = cloud simulates the mean speed: {needed}"
         raise ValueError(msg)
-    return CloudSearch(space, seed, swimming.swum, swimming.duration, swimming.settle)
+    kept = private_folder("fin_clouds")
+    return CloudSearch(space, seed, swimming.swum, swimming.duration, swimming.settle, kept=kept)
 
 
 def _by_generations(

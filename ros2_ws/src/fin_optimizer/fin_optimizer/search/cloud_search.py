@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -10,14 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fin_optimizer.search.cloud import Belief, Cloud
-from fin_optimizer.search.plausible import Fins, drawn_around, prior_cloud, speeds
+from fin_optimizer.search.cloud import Belief, Cloud, regret
+from fin_optimizer.search.plausible import Fins, Fish, drawn_around, prior_cloud, with_fresh
 from fin_optimizer.search.quasi_random import QuasiRandom
 from fin_optimizer.search.space import Evaluation, generator
+from fin_optimizer.search.told import Told
 from fin_plant import checks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -29,42 +32,20 @@ if TYPE_CHECKING:
 
 MOST_FINS = 240
 """Candidates that are looked at: all that there are, or as many spread over the space."""
-FISH = 1500
-"""Of the cloud at first."""
+FISH = 10_000
+"""Of the cloud at first, where that is no more than `MOST_SWIMS`."""
+MOST_SWIMS = 600_000
+"""Of the cloud at first: a minute or two of one processor, once for a stock."""
+LEAST_FISH = 1500
+SLICE = 16
+"""Fish that swim at a time while something else waits: about a tenth of a second."""
 FRESH = 150
 """Drawn anew around the likely ones where the cloud has collapsed."""
-COLLAPSED = 6.0
-"""Effective number of fish below which the cloud is drawn anew."""
-STOP = 0.005
-"""Expected gain of the best trial, as a share of the best speed, below which another trial is hardly worth it."""
-_REDRAWN = 1_000_000  # apart from the numbers of candidates, whose random numbers are others
-_STEP = 0.35  # of fish drawn anew, in standard deviations of the prior
+COLLAPSED = 1.05
+"""Effective number of fish below which others are drawn around the likely ones."""
+_REDRAWN, _JUDGED = 1_000_000, 2_000_000  # apart from the numbers of candidates, whose random numbers are others
 # How much a feature's logarithm changes until two fins are no longer alike for what no fish explains.
 _LIKE = {"young_modulus": 1.0, "thickness": 0.5, "length": 0.33, "height": 0.5, "tip_height": 0.5}
-
-
-@dataclass(frozen=True)
-class Told:
-    """What the search is sure of.
-
-    Attributes:
-        best: Candidate that is expected to be fastest.
-        speed: Its expected speed, m/s.
-        deviation: Standard deviation of that, m/s.
-        gain: What the best next trial is expected to add, as a share of that speed.
-        effective_fish: How many fish of the cloud still count.
-    """
-
-    best: Values
-    speed: float
-    deviation: float
-    gain: float
-    effective_fish: float
-
-    @property
-    def enough(self) -> bool:
-        """Whether another trial is hardly worth it."""
-        return self.gain < STOP
 
 
 @dataclass(frozen=True)
@@ -79,7 +60,8 @@ class CloudSearch:
         settle: From a start from rest to it, s.
         noise: Of one trial, as a share of the speed.
         discrepancy: Of a real fish from the best of the cloud, as a share of the speed.
-        fish: Of the cloud.
+        fish: Of the cloud at first; 0 takes `FISH`, or as many as `MOST_SWIMS` allows.
+        kept: Folder where the cloud's speeds are kept; nowhere if None.
 
     Raises:
         ValueError: A seed, noise or number that cannot be.
@@ -92,14 +74,15 @@ class CloudSearch:
     settle: float = 0.0
     noise: float = 0.05
     discrepancy: float = 0.03
-    fish: int = FISH
-    _clouds: dict[tuple[Any, ...], tuple[Array, NDArray[np.intp], Array, Array]] = field(
-        default_factory=dict, repr=False, compare=False
-    )
+    fish: int = 0
+    kept: Path | None = None
+    _clouds: dict[tuple[Any, ...], Fish] = field(default_factory=dict, repr=False, compare=False)
+    _last: dict[tuple[Any, ...], tuple[Cloud, Belief]] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         checks.whole_number("seed", self.seed, 0)
-        checks.whole_number("fish of the cloud", self.fish, 8, 1_000_000)
+        if self.fish:
+            checks.whole_number("fish of the cloud", self.fish, 8, 1_000_000)
         checks.number("noise of a trial", self.noise, 0.0, 1.0, exclusive_minimum=True)
         checks.number("discrepancy", self.discrepancy, 0.0, 1.0)
 
@@ -150,33 +133,55 @@ class CloudSearch:
         both = [(place, score) for place, score in known if place is not None and score is not None]
         return np.array([place for place, _ in both], dtype=np.intp), np.array([score for _, score in both])
 
-    def _cloud(self, speed: Array, importance: Array) -> Cloud:
-        return Cloud(speed, importance, self._places, self.noise, self.discrepancy)
+    @property
+    def _first(self) -> int:
+        """Fish of the cloud at first."""
+        return self.fish or min(FISH, max(LEAST_FISH, MOST_SWIMS // len(self.candidates)))
 
-    def _after(self, tried: NDArray[np.intp], scores: Array) -> tuple[Array, NDArray[np.intp], Array, Array]:
-        """Return numbers, kinds, speeds and importance of the cloud after trials, drawn anew wherever it collapsed."""
+    def _cloud(self, fish: Fish) -> Cloud:
+        return Cloud(fish.speeds, fish.importance, self._places, self.noise, self.discrepancy)
+
+    def _after(self, tried: NDArray[np.intp], scores: Array, left: float = math.inf) -> Fish:
+        """Return the cloud after trials, drawn anew wherever it collapsed; fish are left once so many have swum."""
         known = list(zip(tried.tolist(), scores.tolist(), strict=True))
-        done = next((count for count in range(len(known), 0, -1) if tuple(known[:count]) in self._clouds), 0)
-        if done:
-            state = self._clouds[tuple(known[:done])]
-        else:
-            numbers, kinds, speed = prior_cloud(self._fins, self.fish)
-            state = numbers, kinds, speed, np.zeros(len(kinds))
-        for count in range(done + 1, len(known) + 1):
-            belief = self._cloud(state[2], state[3]).belief(tried[:count], scores[:count])
-            if belief.effective_size < COLLAPSED:
-                random = generator(self.seed, _REDRAWN + count)
-                size = min(FRESH, self.fish)
-                numbers, kinds, importance = drawn_around(state[0], state[1], belief.weights, size, _STEP, random)
-                state = (numbers, kinds, speeds(self._fins, numbers, kinds), importance)
-            self._clouds[tuple(known[:count])] = state
-        return state
+        done = next((count for count in range(len(known), -1, -1) if tuple(known[:count]) in self._clouds), -1)
+        if done < 0:
+            done, self._clouds[()] = 0, prior_cloud(self._fins, self._first, self.kept)
+        fish = self._clouds[tuple(known[:done])]
+        for count in range(done, len(known) + 1):
+            if count > done:
+                belief = self._cloud(fish).belief(tried[:count], scores[:count])
+                if belief.effective_size < COLLAPSED:
+                    random = generator(self.seed, _REDRAWN + count)
+                    size = min(FRESH, self._first)
+                    weights = self._cloud(fish).neighbours(tried[:count], scores[:count])
+                    fresh = drawn_around(fish.numbers, fish.kinds, weights, size, random)
+                    fish = with_fresh(self._clouds[()], self._fins, fish, weights, fresh)
+                self._clouds[tuple(known[:count])] = fish
+            while fish.left:
+                if left <= 0:
+                    return fish
+                left -= fish.swim(self._fins, SLICE)
+        return fish
+
+    def prepare(self, history: Sequence[Evaluation]) -> float:
+        """Do a slice of the work that `propose` waits for; return how much of the cloud has swum, 1 when all has.
+
+        Who has nothing else to do need not call it.
+        """
+        tried, scores = self._tried(history)
+        with threadpool_limits(1):
+            fish = self._after(tried, scores, SLICE)
+        return fish.swum / len(fish.kinds)
 
     def _belief(self, history: Sequence[Evaluation]) -> tuple[Cloud, Belief]:
         tried, scores = self._tried(history)
-        _, _, speed, importance = self._after(tried, scores)
-        cloud = self._cloud(speed, importance)
-        return cloud, cloud.belief(tried, scores)
+        key = (*tried.tolist(), *scores.tolist())
+        if key not in self._last:
+            cloud = self._cloud(self._after(tried, scores))
+            self._last.clear()
+            self._last[key] = cloud, cloud.belief(tried, scores)
+        return self._last[key]
 
     def propose(self, history: Sequence[Evaluation]) -> Values:
         """Return the candidate that follows ``history``: of those that neither failed nor swim just now."""
@@ -201,11 +206,14 @@ class CloudSearch:
         with threadpool_limits(1):
             cloud, belief = self._belief(history)
             gains = cloud.gains(belief, generator(self.seed, len(history)))
+            slower, sure = regret(belief, generator(self.seed, _JUDGED + len(history)))
         best = belief.best
         return Told(
             dict(self.candidates[best]),
             float(belief.mean[best]),
             float(belief.deviation[best]),
             float(gains.max()),
+            slower,
+            sure,
             belief.effective_size,
         )

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from fin_optimizer.search.kept_speeds import content_key, keep, kept
 from fin_plant.gait import Gait
 from fin_sim.batch.columns import fin_columns
 from fin_sim.batch.lanes import lane_figures
@@ -22,11 +22,13 @@ from fin_sim.batch.task import checked_task
 from fin_sim.swim import PAPER_FISH, RAMP_TIME
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from fin_plant.fin import Fin
     from fin_sim.chain import Reactive
-    from fin_sim.fish import Fish
+    from fin_sim.fish import Fish as SimulatedFish
 
     Array = NDArray[np.float64]
 
@@ -39,15 +41,21 @@ WIDTHS = {
     "normal_drag": 0.8,
     "damping_time": 1.0,
     "amplitude": 0.11,
+    "servo_lag": 0.7,
 }
-"""Of factors on the numbers of body and water, the sheets' damping, and the tail's amplitude, where a servo lags."""
+"""Of factors on the numbers of body and water, the sheets' damping, the tail's amplitude and the servo's lag."""
+SERVO_LAG = 0.03
+"""s, of a servo of first order, the middle one: it takes amplitude from fast beats."""
 STIFFNESS_WIDTH = 0.4
 """Of the factor on the modulus of each material."""
 _MATERIALS = 8
 """Moduli that have a factor each; where there are more, all have the same."""
 _SPEED = FIGURES.index("mean_forward_speed")
 _LARGEST_NORMAL_DRAG = 10.0
+STEP = 0.35
+"""Of fish drawn anew, in standard deviations of the prior."""
 _OTHER_KIND = 0.1
+_LEAST_CENTRE = 1e-4
 _STEP_PARTS = (1, 4, 8)
 
 Kind = tuple[int, Literal["between", "midpoint"], "Reactive"]
@@ -76,7 +84,7 @@ class Fins:
     gaits: tuple[Gait, ...]
     duration: float
     settle: float = 0.0
-    fish: Fish = PAPER_FISH
+    fish: SimulatedFish = PAPER_FISH
 
     @property
     def materials(self) -> list[int]:
@@ -108,8 +116,51 @@ def speeds(fins: Fins, numbers: Array, kinds: NDArray[np.intp]) -> Array:
         numbers: As `drawn` returns them.
         kinds: As `drawn` returns them.
     """
+    result = np.empty((len(kinds), len(fins.fins)))
     with threadpool_limits(1):
-        return np.array([_speeds_of(fins, row, KINDS[kind]) for row, kind in zip(numbers, kinds, strict=True)])
+        for fish, (row, kind) in enumerate(zip(numbers, kinds, strict=True)):
+            result[fish] = _speeds_of(fins, row, KINDS[kind])
+    return result
+
+
+@dataclass
+class Fish:
+    """Fish of a cloud, that swim slice by slice: thousands take a minute or two.
+
+    Attributes:
+        numbers: As `drawn` returns them, (F, D).
+        kinds: (F,).
+        importance: Logarithm of each fish's prior over the density that it was drawn from, (F,).
+        speeds: Of those that have swum, m/s, (F, N).
+        swum: How many have.
+        kept: Where speeds are kept once all have swum; nowhere if None.
+    """
+
+    numbers: Array
+    kinds: NDArray[np.intp]
+    importance: Array
+    speeds: Array
+    swum: int = 0
+    kept: Path | None = None
+
+    @classmethod
+    def of(cls, fins: Fins, numbers: Array, kinds: NDArray[np.intp]) -> Fish:
+        """Return fish of the prior that have not swum."""
+        return cls(numbers, kinds, np.zeros(len(kinds)), np.empty((len(kinds), len(fins.fins))))
+
+    @property
+    def left(self) -> int:
+        """How many have not swum."""
+        return len(self.kinds) - self.swum
+
+    def swim(self, fins: Fins, most: int) -> int:
+        """Let so many more swim, or as many as are left; return how many that were."""
+        these = slice(self.swum, min(self.swum + most, len(self.kinds)))
+        self.speeds[these] = speeds(fins, self.numbers[these], self.kinds[these])
+        self.swum = these.stop
+        if not self.left and self.kept is not None:
+            keep(self.kept, self.speeds)
+        return these.stop - these.start
 
 
 def _speeds_of(fins: Fins, row: Array, kind: Kind) -> Array:
@@ -146,7 +197,8 @@ def _speeds_of(fins: Fins, row: Array, kind: Kind) -> Array:
     for gait in dict.fromkeys(fins.gaits):
         places = [place for place, each in enumerate(fins.gaits) if each == gait]
         rows = gait.rows()
-        rows[:, 0] = np.minimum(rows[:, 0] * of["amplitude"], math.pi)
+        lagging = np.hypot(1.0, 2.0 * math.pi * rows[:, 1] * SERVO_LAG * of["servo_lag"])
+        rows[:, 0] = np.minimum(rows[:, 0] * of["amplitude"] / lagging, math.pi)
         task = checked_task(
             fish,
             Gait.from_rows(rows),
@@ -167,34 +219,66 @@ def _speeds_of(fins: Fins, row: Array, kind: Kind) -> Array:
     return result
 
 
-@lru_cache(maxsize=4)
-def prior_cloud(fins: Fins, count: int) -> tuple[Array, NDArray[np.intp], Array]:
-    """Return fish of the prior, their kinds and speeds; the same ones for every study of these fins."""
+def prior_cloud(fins: Fins, count: int, folder: Path | None = None) -> Fish:
+    """Return fish of the prior, the same ones for every study of these fins; those of ``folder`` have swum.
+
+    Args:
+        fins: The fins.
+        count: Of fish.
+        folder: Where speeds are kept, by all that they follow from; nowhere if None.
+    """
     numbers, kinds = drawn(fins, count, np.random.default_rng(0))
-    return numbers, kinds, speeds(fins, numbers, kinds)
+    fish = Fish.of(fins, numbers, kinds)
+    if folder is not None:
+        fish.kept = folder / f"{content_key(fins, numbers, kinds)}.npy"
+        known = kept(fish.kept, fish.speeds.shape)
+        if known is not None:
+            fish.speeds, fish.swum = known, count
+    return fish
 
 
 def drawn_around(
-    numbers: Array, kinds: NDArray[np.intp], weights: Array, count: int, width: float, random: np.random.Generator
-) -> tuple[Array, NDArray[np.intp], Array]:
-    """Return fish drawn anew around those that scores left likely, with the logarithm of prior over density.
+    numbers: Array, kinds: NDArray[np.intp], weights: Array, count: int, random: np.random.Generator
+) -> tuple[Array, NDArray[np.intp]]:
+    """Return numbers and kinds of fish drawn anew around those that scores left likely.
 
     Args:
         numbers: Of the cloud before, (F, D).
         kinds: (F,).
         weights: (F,).
         count: Of fish.
-        width: Of the steps, in standard deviations of the prior.
         random: Draws.
     """
     chosen = random.choice(len(weights), count, p=weights)
-    fresh = numbers[chosen] + width * random.standard_normal((count, numbers.shape[1]))
-    # As likely to come from any fish of its kind as that fish was to be chosen; a tenth may change its kind.
+    fresh = numbers[chosen] + STEP * random.standard_normal((count, numbers.shape[1]))
     new_kinds = np.where(random.random(count) < _OTHER_KIND, random.integers(len(KINDS), size=count), kinds[chosen])
-    apart = ((fresh[:, None, :] - numbers[None, :, :]) ** 2).sum(axis=2)
-    from_kind = np.where(new_kinds[:, None] == kinds[None, :], 1.0 - _OTHER_KIND, 0.0) + _OTHER_KIND / len(KINDS)
-    density = -0.5 * apart / width**2 + np.log(weights[None, :] * from_kind + 1e-300)
+    return fresh, new_kinds.astype(np.intp)
+
+
+def with_fresh(prior: Fish, fins: Fins, around: Fish, weights: Array, fresh: tuple[Array, NDArray[np.intp]]) -> Fish:
+    """Return the fish of the prior, which have swum, with others drawn around likely ones, which have not.
+
+    Every fish counts by the prior over the density of both draws together, so that the two stand for the same belief
+    as the prior's alone (Veach & Guibas, SIGGRAPH 1995: the balance heuristic).
+
+    Args:
+        prior: Fish of the prior.
+        fins: The fins.
+        around: Those that the fresh ones were drawn around.
+        weights: Of them.
+        fresh: As `drawn_around` returns them, with `STEP`.
+    """
+    result = Fish.of(fins, *(np.concatenate(pair) for pair in zip((prior.numbers, prior.kinds), fresh, strict=True)))
+    result.speeds[: len(prior.kinds)], result.swum = prior.speeds, len(prior.kinds)
+    near = np.flatnonzero(weights > _LEAST_CENTRE * weights.max())
+    centres, own, share = around.numbers[near], around.kinds[near], weights[near] / weights[near].sum()
+    # As likely to come from any fish of its kind as that fish was to be chosen; a tenth may change its kind.
+    apart = (result.numbers**2).sum(axis=1)[:, None] + (centres**2).sum(axis=1) - 2.0 * result.numbers @ centres.T
+    from_kind = np.where(result.kinds[:, None] == own, 1.0 - _OTHER_KIND, 0.0) + _OTHER_KIND / len(KINDS)
+    density = -0.5 * apart / STEP**2 + np.log(share * from_kind)
     peak = density.max(axis=1)
-    log_density = peak + np.log(np.exp(density - peak[:, None]).sum(axis=1)) - numbers.shape[1] * math.log(width)
-    log_prior = -0.5 * (fresh**2).sum(axis=1) - math.log(len(KINDS))
-    return fresh, new_kinds.astype(np.intp), log_prior - log_density
+    log_density = peak + np.log(np.exp(density - peak[:, None]).sum(axis=1)) - centres.shape[1] * math.log(STEP)
+    log_prior = -0.5 * (result.numbers**2).sum(axis=1) - math.log(len(KINDS))
+    drawn_shares = np.array([len(prior.kinds), len(fresh[1])]) / len(result.kinds)
+    result.importance = -np.logaddexp(np.log(drawn_shares[0]), np.log(drawn_shares[1]) + log_density - log_prior)
+    return result

@@ -26,6 +26,17 @@ if TYPE_CHECKING:
 
 SAMPLE_TIME = 0.01
 _STEP = 1e-3
+_LARGEST_NORMAL_DRAG = 10.0
+HIDDEN_WIDTHS = {
+    "mass": 0.15,
+    "drag": 0.3,
+    "stiffness": 0.25,
+    "servo_lag": 0.4,
+    "lift": 0.3,
+    "yaw_drag": 0.4,
+    "normal_drag": 0.4,
+}
+"""Standard deviations of the logarithms of what a seed draws: about half of what a cloud of fish believes."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +48,9 @@ class Deviation:
         drag: Factor on the body's drag.
         stiffness: Factor on the fin's Young's modulus: the sheet is not what its label says.
         servo_lag: Time constant in s of the critically damped servos.
+        lift: Factor on the body's lift.
+        yaw_drag: Factor on the body's resistance to turning.
+        normal_drag: Factor on the fin's resistance across the flow.
 
     Raises:
         ValueError: A value out of range.
@@ -46,11 +60,25 @@ class Deviation:
     drag: float = 1.2
     stiffness: float = 0.85
     servo_lag: float = 0.03
+    lift: float = 1.0
+    yaw_drag: float = 1.0
+    normal_drag: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("mass", "drag", "stiffness"):
+        for name in ("mass", "drag", "stiffness", "lift", "yaw_drag", "normal_drag"):
             checks.number(f"hidden.{name}", getattr(self, name), 0.1, 10.0)
         checks.number("hidden.servo_lag", self.servo_lag, 0.001, 1.0, unit="s")
+
+    @classmethod
+    def drawn(cls, seed: int) -> Deviation:
+        """Return a deviation that nobody has chosen: each number off by its own width, the same for a seed."""
+        random = np.random.default_rng(seed)
+        middle = {"servo_lag": 0.03}
+        factors = {
+            name: float(np.exp(np.clip(random.standard_normal(), -2.0, 2.0) * width))
+            for name, width in HIDDEN_WIDTHS.items()
+        }
+        return cls(**{name: middle.get(name, 1.0) * factor for name, factor in factors.items()})
 
 
 class Servo:
@@ -118,9 +146,14 @@ class HiddenFish:
             mass=fish.body.mass * self._deviation.mass,
             inertia=fish.body.inertia * self._deviation.mass,
             drag_area=fish.body.drag_area * self._deviation.drag,
+            lift_area=fish.body.lift_area * self._deviation.lift,
+            yaw_drag=fish.body.yaw_drag * self._deviation.yaw_drag,
+        )
+        water = replace(
+            fish.water, normal_drag=min(fish.water.normal_drag * self._deviation.normal_drag, _LARGEST_NORMAL_DRAG)
         )
         softer = replace(fin, young_modulus=fin.young_modulus * self._deviation.stiffness)
-        chain = build_chain(replace(fish, body=body), softer)
+        chain = build_chain(replace(fish, body=body, water=water), softer)
         if sum(chain.driven) != len(self._servo.angle):
             joints = len(self._servo.angle)
             msg = (
