@@ -10,6 +10,7 @@ import pytest
 from fin_plant.fin import Fin, ProfiledFin
 from fin_plant.gait import Gait, JointDrive
 from fin_sim.batch import Status, swim_batch
+from fin_sim.batch.window import whole_beats
 from fin_sim.swim import swim
 
 GAITS = [
@@ -46,6 +47,31 @@ def test_fins_with_profiles_and_gaits_of_their_own_swim_in_lanes_as_alone() -> N
         own = swim_batch([profiled(row)], gait=gait.rows()[None], duration=3.0, settle=1.0)
         assert own.mean_speed[0] == swum.mean_speed[row]
         assert own.servo_power[0] == swum.servo_power[row]
+
+
+@pytest.mark.usefixtures("only_lanes")
+def test_means_over_whole_beats_are_each_gaits_own() -> None:
+    """As those over a window that is the gait's whole beats; over the given window they are others."""
+    gaits = np.array([gait.rows() for gait in GAITS])
+    timing = {"duration": 4.0, "settle": 1.3}
+    window = swim_batch(PROFILES, gait=gaits, **timing)  # type: ignore[arg-type]
+    swum = swim_batch(PROFILES, gait=gaits, whole_beats=True, **timing)  # type: ignore[arg-type]
+    for row, beats in enumerate((3, 2, 7)):
+        gait = GAITS[row]
+        own = {"duration": 4.0, "settle": 4.0 - beats / gait.joints[0].frequency}
+        alone = swim_batch([profiled(row)], gait=gaits[row : row + 1], **own)  # type: ignore[arg-type]
+        shared = swim_batch([profiled(row)], gait=gait, whole_beats=True, **timing)  # type: ignore[arg-type]
+        for name in ("mean_forward_speed", "thrust", "servo_power"):
+            figure = getattr(swum, name)[row]
+            assert figure == pytest.approx(getattr(alone, name)[0], rel=3e-4)
+            assert figure == pytest.approx(getattr(shared, name)[0], rel=3e-4)
+        assert abs(window.servo_power[row] / swum.servo_power[row] - 1.0) > 1e-3
+    assert (window.mean_speed == swum.mean_speed).all()
+
+
+def test_a_window_without_a_whole_beat_counts_as_it_is() -> None:
+    begins = whole_beats(10.0, 5.0, np.array([0.0, 0.1, 0.2, 0.21, 0.5, 1.0 / 3.0]))
+    assert begins == pytest.approx([5.0, 5.0, 5.0, 10.0 - 1.0 / 0.21, 6.0, 7.0])
 
 
 @pytest.mark.usefixtures("only_lanes")

@@ -98,6 +98,8 @@ def _settings(campaign: Campaign | SpaceCampaign) -> dict[str, Any]:
     """Return what decides a campaign's results."""
     if isinstance(campaign, SpaceCampaign):
         more = {"space": json.loads(campaign.space), "fish": {campaign.fish: asdict(campaign.given)}}
+        if campaign.settle > 0.0:  # older versions took all of the window, and their runs are not gone on with
+            more["window"] = "whole beats"
     else:
         more = {"fish": {name: asdict(preset(name)) for name in (MODEL, SIMULATION, STATED)}}
     return dict(json.loads(json.dumps({**asdict(campaign), **more})))
@@ -323,7 +325,11 @@ def _parser() -> argparse.ArgumentParser:
     add("--fin", action="append", type=own_value, metavar="fin.NAME=VALUE", help="what its fin has otherwise")
     add("--reactive", choices=REACTIVE_FORMS, help="form of Lighthill's force (default: the fish's)")
     add("--duration", type=checks.read_number, help="length of a swim from rest in s (default: 10)")
-    add("--settle", type=checks.read_number, help="start of the window of all measures in s (default: 0)")
+    add(
+        "--settle",
+        type=checks.read_number,
+        help="start of the window of all measures in s, above 0 of whole beats (default: 0)",
+    )
     add = parser.add_argument
     add("--workers", type=checks.read_whole_number, default=os.cpu_count() or 1, help="processes (default: one a core)")
     add("--dask", metavar="ADDRESS", help="carry the runs out on the Dask cluster with this scheduler")

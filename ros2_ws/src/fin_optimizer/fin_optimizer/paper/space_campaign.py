@@ -76,7 +76,8 @@ class SpaceCampaign:
         water: Preset of the water (`fin_sim.water_settings`); ``strip`` is the fish's own.
         reactive: Form of Lighthill's force; the fish's own where it is empty.
         duration: Of a swim from rest, s.
-        settle: Time from the start to the window over which every measure is a mean, s.
+        settle: Time from the start to the window over which every measure is a mean, s. Where it is above 0 the mean is
+            over the whole beats that end with the window, as many as it has, for candidates may beat differently.
 
     Raises:
         ValueError: A value that is refused.
@@ -335,7 +336,8 @@ def _table(campaign: SpaceCampaign, generation: int, numbers: Array, swum: Table
 def swim_candidates(campaign: SpaceCampaign, numbers: Array) -> Table:
     """Return the measures of `SWUM` of candidates, shape (n, parameters): each of shape (n,), NaN where there is none.
 
-    All are means over the window. Thrust is the force with which the tail pushes the body, see `BatchSwim.thrust`.
+    All are means over the window, see `SpaceCampaign.settle`. Thrust is the force with which the tail pushes the body,
+    see `BatchSwim.thrust`.
     """
     start, given = campaign.start, campaign.given
     columns = columns_of(start.space, start.rules, start.start, numbers)
@@ -345,6 +347,7 @@ def swim_candidates(campaign: SpaceCampaign, numbers: Array) -> Table:
         columns.gaits,
         campaign.duration,
         settle=campaign.settle,
+        whole_beats=campaign.settle > 0.0,
         reactive=given.reactive,
         threads=1,
     )

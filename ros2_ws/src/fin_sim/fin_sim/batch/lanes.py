@@ -13,9 +13,9 @@ from fin_sim.batch.kernel import generate
 from fin_sim.batch.links import lane_constants, link_columns, normal_drags
 from fin_sim.batch.proven import PROVEN_ANGLE
 from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, OF_A_MOTOR
-from fin_sim.batch.step import BEAT_FIELDS, HINGE_REACH, Form
+from fin_sim.batch.step import BEAT_FIELDS, HINGE_REACH, WINDOW_BEGIN, Form
 from fin_sim.batch.tolerances import difference, error_floors, settled
-from fin_sim.batch.window import window_weights
+from fin_sim.batch.window import line_weights, window_weights
 from fin_sim.chain import build_chain
 
 if TYPE_CHECKING:
@@ -26,13 +26,18 @@ if TYPE_CHECKING:
     from fin_sim.batch.task import Task
 
 _HALVINGS = 3
+_MEANS = ("surge_sum", "thrust_sum", "power_sum")
 
 
 @lru_cache(maxsize=8)  # a search swims batch after batch with the same gait
 def _shared(task: Task) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Return what a lane kernel needs to know of each step, flat (steps, columns), and of all steps, (``UNIFORM``,)."""
     times = np.linspace(task.step, task.duration, task.steps)
-    window = window_weights(task.steps + 1, task.settle / task.step)[1:]
+    if task.gait is None and task.whole_beats:
+        window = line_weights(task.steps + 1)[1:] * task.step  # each fish's sum is divided by its own window
+    else:
+        begin = task.settle if task.gait is None else float(task.begins(task.gait.rows()[None])[0])
+        window = window_weights(task.steps + 1, begin / task.step)[1:]
     path = task.duration * window_weights(task.steps + 1, 0.0)[1:]
     real = np.float64 if task.precision == "double" else np.float32
     table = np.column_stack((window, path, _drives(task, times)))
@@ -90,6 +95,8 @@ def lane_figures(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray
     constants = lane_constants(links, task.fish.water, normal_drags(links, fins, task.fish, gaits))
     if task.gait is None:
         constants |= _beats(gaits, size)
+        own = task.begins(gaits) if task.whole_beats else np.full(count, -task.duration)
+        constants[WINDOW_BEGIN] = np.broadcast_to(own[:, None], (count, size))
     constants |= {name: links[name] for name in ("stiffness", "damping")}
     constants["compliance"] = reach * (reach * links["stiffness"] + links["damping"])
     columns = [constants[name.rpartition("_")[0]][:, int(name.rpartition("_")[2])] for name in kernel.parameters]
@@ -102,7 +109,10 @@ def lane_figures(task: Task, fins: Mapping[str, NDArray[np.generic]]) -> NDArray
     flat = np.ascontiguousarray(parameters.swapaxes(0, 1)).ravel()
     kernel.advance(flat, table, uniform, results, 0, chunks, task.steps, size)
     by_fish = results.reshape(chunks, -1, form.lanes).swapaxes(0, 1).reshape(-1, chunks * form.lanes)[:, :count]
-    return _figures(task, dict(zip(kernel.results, by_fish.astype(float), strict=True)))
+    left = dict(zip(kernel.results, by_fish.astype(float), strict=True))
+    if task.gait is None and task.whole_beats:
+        left |= {name: left[name] / (task.duration - task.begins(gaits)) for name in _MEANS if name in left}
+    return _figures(task, left)
 
 
 def _figures(task: Task, left: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:

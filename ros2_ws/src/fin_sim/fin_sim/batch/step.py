@@ -60,6 +60,8 @@ DRIVE_FIELDS = tuple(item.name for item in fields(Drive))
 BEAT_FIELDS = tuple(item.name for item in fields(Beat))
 FADE_FIELDS = tuple(f"fade_{item.name}" for item in fields(Fade))
 VELOCITIES = ("surge", "sway", "yaw")
+WINDOW_BEGIN = "window_begin"
+"""A constant of the first joint: where a fish with a gait of its own has a window of its own, its beginning, s."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ class Form:
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of the constants of a link and its joint."""
-        return (*self.link_fields, *HINGE_FIELDS, *(BEAT_FIELDS if self.own_gaits else ()))
+        return (*self.link_fields, *HINGE_FIELDS, *((*BEAT_FIELDS, WINDOW_BEGIN) if self.own_gaits else ()))
 
 
 def piece_field(name: str, place: int) -> str:
@@ -246,14 +248,32 @@ def move_body(uniform: Uniform, slots: Slots, slopes: Motion) -> None:
     slots.write("x_sum", slots.read("x_sum") + weight * (surge * cosine - sway * sine))
     slots.write("y_sum", slots.read("y_sum") + weight * (surge * sine + sway * cosine))
     over_ground = surge + uniform.body.current_x * cosine + uniform.body.current_y * sine
-    slots.write("surge_sum", slots.read("surge_sum") + uniform.number["window_weight"] * over_ground)
+    slots.write("surge_sum", slots.read("surge_sum") + _window_weight(uniform, slots) * over_ground)
     slots.write("heading", heading)
 
 
 def sum_means(uniform: Uniform, slots: Slots, thrust: Real, power: Real) -> None:
     """Add thrust and power to their means over the window."""
     for name, value in (("thrust_sum", thrust), ("power_sum", power)):
-        slots.write(name, slots.read(name) + uniform.number["window_weight"] * value)
+        slots.write(name, slots.read(name) + _window_weight(uniform, slots) * value)
+
+
+def _window_weight(uniform: Uniform, slots: Slots) -> Real:
+    """Return a step's weight in the means over the window, which a fish with a gait of its own begins by itself.
+
+    Samples before the beginning do not count, and those next to it as they do in the integral of the line through all
+    of them (`window.line_weights`).
+    """
+    weight = uniform.number["window_weight"]
+    if not uniform.form.own_gaits:
+        return weight
+    after = (slots.tape.load("fade_time") - slots.read(WINDOW_BEGIN, 0)) * (1.0 / uniform.step)
+    before, behind = _between_0_and_1(after + 1.0), _between_0_and_1(after)
+    return weight * (0.5 * before * before + behind - 0.5 * behind * behind)
+
+
+def _between_0_and_1(value: Real) -> Real:
+    return 1.0 - maximum(1.0 - maximum(value, 0.0), 0.0)
 
 
 def table_names(form: Form) -> list[str]:

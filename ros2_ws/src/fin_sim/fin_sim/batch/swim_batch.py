@@ -116,6 +116,7 @@ def swim_batch(
     tow_speed: float = 0.0,
     ramp_time: float = RAMP_TIME,
     settle: float = 0.0,
+    whole_beats: bool = False,
     step: float | None = None,
     precision: Precision = "double",
     threads: int | None = None,
@@ -137,6 +138,8 @@ def swim_batch(
         tow_speed: m/s, for ``towed``.
         ramp_time: Time in which the gait starts, s.
         settle: Time from the start to the window over which means are taken, s; a window of no length ends the swim.
+        whole_beats: Whether means are taken over the whole beats of a fin's quickest joint that end with the window, as
+            many as it has; over the window where it has none.
         step: Longest first time step, s; where none is given 1/56 beat, 20 ms at most, and less for a short ramp.
             Fins whose figures it leaves in doubt swim at shorter ones.
         precision: Of the arithmetic in lanes, ``double`` or ``single`` (half the time, 1e-5 of the speed).
@@ -146,7 +149,8 @@ def swim_batch(
         ValueError: An argument other than a fin that is refused; the message names it.
     """
     shared = gait if isinstance(gait, Gait) else None
-    task = checked_task(fish, shared, duration, reactive, clamp, tow_speed, ramp_time, settle, step, precision)
+    timing = (ramp_time, settle, step, precision, whole_beats)
+    task = checked_task(fish, shared, duration, reactive, clamp, tow_speed, *timing)
     columns = fin_columns(fins)
     if not isinstance(gait, Gait):
         columns = with_gaits(columns, gait, fish.driven_joints)

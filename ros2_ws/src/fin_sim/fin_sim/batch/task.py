@@ -12,6 +12,7 @@ from fin_plant import checks
 from fin_plant.gait import COLUMNS, Gait
 from fin_sim.batch.columns import GAITS
 from fin_sim.batch.step import LANES
+from fin_sim.batch.window import whole_beats
 from fin_sim.chain import CLAMPS, Clamp, Reactive, convective_form
 from fin_sim.ideal_2d.plane_fish import refuse_fish
 
@@ -51,6 +52,7 @@ class Task:
     tow_speed: float
     ramp_time: float
     precision: Precision
+    whole_beats: bool = False
 
     @property
     def step(self) -> float:
@@ -65,6 +67,12 @@ class Task:
     def gaits(self, fins: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
         """Return the fins' gaits as `Gait.rows`, shape (n, joints, 4), or (1, joints, 4) where they share one."""
         return fins[GAITS].astype(float) if self.gait is None else self.gait.rows()[None]
+
+    def begins(self, gaits: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where each gait's window begins, s, shape (n,)."""
+        if not self.whole_beats:
+            return np.full(len(gaits), self.settle)
+        return whole_beats(self.duration, self.settle, fastest_joints(gaits))
 
     def refined(self, factor: int) -> Task:
         """Return the same swim at a step shorter by a factor."""
@@ -111,6 +119,7 @@ def checked_task(
     settle: float,
     step: float | None,
     precision: str,
+    whole_beats: bool = False,
 ) -> Task:
     """Return what all fins share; see `swim_batch`. Without a gait the step is the longest, whatever the fins' own.
 
@@ -142,4 +151,5 @@ def checked_task(
         tow_speed=checks.number("tow_speed", tow_speed, unit="m/s"),
         ramp_time=checks.number("ramp_time", ramp_time, 0.0, unit="s"),
         precision=cast("Precision", checks.choice("precision", precision, tuple(LANES))),
+        whole_beats=whole_beats,
     )
