@@ -251,9 +251,9 @@ def test_cma_goes_on_from_what_it_was_told_and_begins_again_for_another_history(
     begun: list[int] = []
     begin = CmaEs._optimiser
 
-    def noted(search: CmaEs) -> cmaes.CMA:
+    def noted(search: CmaEs, generation: int = 0) -> cmaes.CMA:
         begun.append(search.seed)
-        return begin(search)
+        return begin(search, generation)
 
     monkeypatch.setattr(CmaEs, "_optimiser", noted)
     search = CmaEs(PLANE, 7)
@@ -320,6 +320,35 @@ def test_cma_on_steps_goes_on_after_any_generation() -> None:
     history = stepped(2, 6)
     for count in (0, 2, 5):
         assert np.array_equal(CmaEs(STEPPED, 2).propose(history[:count]), history[count].values)
+
+
+@pytest.mark.parametrize("space", ["PLANE", "STEPPED"])
+def test_where_nothing_is_left_to_find_it_begins_again_and_a_resumed_one_does_too(space: str) -> None:
+    """On flat ground: candidates fill the space again, instead of an optimiser that grows or shrinks without end."""
+    given = {"PLANE": PLANE, "STEPPED": STEPPED}[space]
+    search, history = CmaEs(given, 2, population=12), list[Generation]()
+    means = []
+    while len(history) < 40:
+        values = search.propose(history)
+        means.append(search._replays[-1].optimiser)
+        history.append(Generation(values, np.zeros(len(values))))
+    began = [number for number in range(1, 40) if means[number] is not means[number - 1]]
+    assert began
+    for number in (began[0], began[0] + 1, 39):
+        assert np.array_equal(CmaEs(given, 2, population=12).propose(history[:number]), history[number].values)
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("error")
+def test_of_whole_numbers_hundreds_of_generations_stay_numbers() -> None:
+    """A whole number's axis shrinks to nothing once its best value is found, which the library divides by."""
+    space = Space((Dimension("a", 0, 3, whole=True), Dimension("b", 0, 10, whole=True)))
+    search, history = CmaEs(space, 1), list[Generation]()
+    while len(history) < 500:
+        values = search.propose(history)
+        assert (values == np.round(values)).all()
+        assert ((values >= 0) & (values <= [3, 10])).all()
+        history.append(Generation(values, -((values - 0.37) ** 2).sum(axis=1)))
 
 
 def test_cma_on_steps_draws_again_what_is_refused_and_tells_what_it_drew_evenly(

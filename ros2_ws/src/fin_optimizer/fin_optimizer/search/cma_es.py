@@ -2,7 +2,8 @@
 
 The library ranks NaN as the best score and loses its random numbers when an optimiser is pickled. Here a candidate
 without a score counts as the worst of its generation, and nothing is pickled: an optimiser is told the whole history
-again where the one at hand has not seen it.
+again where the one at hand has not seen it. One that says that it is done goes on to numbers that are none: another
+begins in its place, at a mean of its own (Hansen 2016, B.3 and E.4).
 """
 
 from __future__ import annotations
@@ -87,9 +88,13 @@ class CmaEs:
         while len(replay.drawn) <= len(history):
             if replay.drawn:
                 self._tell(replay, history[len(replay.told)])
+                if _is_done(replay.optimiser):
+                    replay.optimiser = self._optimiser(len(replay.told))
             # x_k = m + sigma y_k, y_k ~ N(0, C) (Hansen 2016, eq. 38 to 40), drawn by the library
             count = replay.optimiser.population_size
-            shown, drawn = zip(*(self._asked(replay.optimiser, place) for place in range(count)), strict=True)
+            shown, drawn = zip(
+                *(self._asked(replay.optimiser, len(replay.told), place) for place in range(count)), strict=True
+            )
             replay.shown.append(np.array(shown))
             replay.drawn.append(np.array(drawn))
         return self._numbers(replay.shown[len(history)])
@@ -121,7 +126,9 @@ class CmaEs:
                 high[column] = low[column] + dimension.count * dimension.step
         return low, high
 
-    def _asked(self, optimiser: cmaes.CMA | cmaes.CMAwM, place: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _asked(
+        self, optimiser: cmaes.CMA | cmaes.CMAwM, generation: int, place: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the next candidate in the unit box, as it is shown and as it was drawn.
 
         One that the space refuses is drawn again (Hansen 2016, B.5).
@@ -132,12 +139,14 @@ class CmaEs:
             if not self.space.refused(self._numbers(shown[None, :])).size:
                 return shown, drawn
         # The distribution has left what can be: one that can is told to it as if it had been drawn.
-        seed = np.random.SeedSequence(self.seed, spawn_key=(optimiser.generation, place))
+        seed = np.random.SeedSequence(self.seed, spawn_key=(generation, place))
         drawn = self._scaled(np.array(self.space.row(uniform(self.space, np.random.default_rng(seed)))))
         return drawn, drawn
 
-    def _optimiser(self) -> cmaes.CMA | cmaes.CMAwM:
-        random = np.random.default_rng(np.random.SeedSequence(self.seed))
+    def _optimiser(self, generation: int = 0) -> cmaes.CMA | cmaes.CMAwM:
+        """Return the optimiser that begins with a generation; random numbers follow from it and from the seed."""
+        key = (generation,) if generation else ()
+        random = np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=key))
         count = len(self.space.names)
         mean = random.uniform(0.0, 1.0, count)
         bounds = np.tile([0.0, 1.0], (count, 1))
@@ -163,5 +172,16 @@ class CmaEs:
         known = np.isfinite(scores)
         scores = np.where(known, scores, scores[known].min() if known.any() else 0.0)
         # The best half moves mean, step and covariance (eq. 41 to 47, in the library); it looks for the least.
-        replay.optimiser.tell([(values, -float(score)) for values, score in zip(asked, scores, strict=True)])
+        with np.errstate(all="ignore"):  # what is not finite then is looked for behind
+            replay.optimiser.tell([(values, -float(score)) for values, score in zip(asked, scores, strict=True)])
         replay.told.append(generation)
+
+
+def _is_done(optimiser: cmaes.CMA | cmaes.CMAwM) -> bool:
+    """Return whether the library sees nothing left to find, or its numbers are not finite."""
+    inner, widths = (optimiser._cma, optimiser._A) if isinstance(optimiser, cmaes.CMAwM) else (optimiser, ())  # noqa: SLF001
+    state = [*inner.mean, *inner._C.ravel(), inner._sigma, *widths]  # noqa: SLF001
+    if not np.isfinite(state).all():
+        return True
+    with np.errstate(all="ignore"):  # an axis may be 0 wide
+        return bool(optimiser.should_stop())
