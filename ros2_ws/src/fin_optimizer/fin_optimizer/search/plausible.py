@@ -56,6 +56,8 @@ STEP = 0.35
 """Of fish drawn anew, in standard deviations of the prior."""
 _OTHER_KIND = 0.1
 _LEAST_CENTRE = 1e-4
+_BLOCK = 5000
+"""Fish with random numbers of their own, so that a larger cloud begins with the fish of a smaller one."""
 _STEP_PARTS = (1, 4, 8)
 
 Kind = tuple[int, Literal["between", "midpoint"], "Reactive"]
@@ -227,7 +229,11 @@ def prior_cloud(fins: Fins, count: int, folder: Path | None = None) -> Fish:
         count: Of fish.
         folder: Where speeds are kept, by all that they follow from; nowhere if None.
     """
-    numbers, kinds = drawn(fins, count, np.random.default_rng(0))
+    blocks = [
+        drawn(fins, min(_BLOCK, count - first), np.random.default_rng(block))
+        for block, first in enumerate(range(0, count, _BLOCK))
+    ]
+    numbers, kinds = (np.concatenate(each) for each in zip(*blocks, strict=True))
     fish = Fish.of(fins, numbers, kinds)
     if folder is not None:
         fish.kept = folder / f"{content_key(fins, numbers, kinds)}.npy"
