@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,10 +11,10 @@ import pytest
 
 from fin_optimizer.commands.export import columns
 from fin_optimizer.commands.show_study import study_table
-from fin_optimizer.goals import MEASURES
+from fin_optimizer.goals import MEASURES, Goals
 from fin_optimizer.search.space import Choice, Dimension, Space, generator
 from fin_optimizer.study import pictures, space_drawing
-from fin_optimizer.study.candidate import TrialRecord
+from fin_optimizer.study.candidate import TrialRecord, candidates
 from fin_optimizer.study.file_names import FIGURE_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
 from fin_optimizer.study.importance import LEAST, importances
 from fin_optimizer.study.report import trials_table
@@ -143,6 +144,32 @@ def test_a_study_of_several_parameters_has_all_its_pictures(tmp_path: Path) -> N
     assert [path.name for path in paths] == [FIGURE_FILE, SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE]
     few = pictures.draw_study(tmp_path / "mine.svg", OF_TWO, trials[:1], {})
     assert [path.name for path in few[0]] == ["mine.svg", "mine_slices.svg", "mine_parallel_coordinates.svg"]
+
+
+def test_each_goal_has_its_pictures_and_its_best(tmp_path: Path) -> None:
+    goals = Goals.of(["mean_speed", "power"])
+    of_both = replace(OF_TWO, goals=goals)
+    trials = [
+        replace(trial, measured={"mean_speed": 0.01 * trial.number, "power": 0.001 * trial.number})
+        for trial in (record(number, TWO.drawn(generator(1, number)), 0.0) for number in range(LEAST))
+    ]
+    paths, failures = pictures.draw_study(tmp_path / FIGURE_FILE, of_both, trials, {})
+    assert failures == []
+    assert {"slices.png", "slices_power.png", "parallel_coordinates_power.png", "importance_power.png"} <= {
+        path.name for path in paths
+    }
+    tried = candidates(trials, goals)
+    fastest, thriftiest = (pictures.as_arrays(of_both, tried, goal) for goal in goals.measures)
+    assert (fastest.best, thriftiest.best) == (LEAST - 1, 0)
+    assert thriftiest.least
+    one, _ = pictures.draw_study(tmp_path / "own.svg", of_both, trials, {}, goals.measures[1])
+    assert [path.name for path in one] == [
+        "own.svg",
+        "own_pareto_front.svg",
+        "own_slices_power.svg",
+        "own_parallel_coordinates_power.svg",
+        "own_importance_power.svg",
+    ]
 
 
 def test_the_simulated_fish_keeps_what_a_candidate_leads_to() -> None:

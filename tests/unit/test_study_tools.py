@@ -526,6 +526,9 @@ def test_a_picture_that_cannot_be_drawn_is_named_after_the_table(
     assert shown.err.count("could not be drawn") == 3, "the map, the slices and the parallel coordinates"
     assert show_study.main([str(swum), "--plot", str(tmp_path / "a.jpg")]) == 2
     assert "must end in .png, .pdf or .svg" in capsys.readouterr().err
+    for asked, said in ((["--goal", "powr", "--plot"], "--goal"), (["--goal", "mean_speed"], "give --plot too")):
+        assert show_study.main([str(swum), *asked]) == 2
+        assert said in capsys.readouterr().err
 
 
 def test_an_interrupted_trial_is_shown_apart_from_failed_ones(

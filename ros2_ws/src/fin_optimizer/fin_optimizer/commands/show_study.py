@@ -18,6 +18,7 @@ from fin_optimizer.study.records import read_ledger
 from fin_optimizer.study.report import varied
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import in_words, show_number, trial_name
+from fin_plant import checks
 from fin_plant.figures import FORMATS, check_picture
 from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
@@ -203,6 +204,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="draw its picture too, from the journal alone: into a file whose name ends in "
         f"{', '.join(FORMATS[:-1])} or {FORMATS[-1]}, or into a folder; {FIGURE_FILE} of the study if left out",
     )
+    parser.add_argument(
+        "--goal",
+        metavar="NAME",
+        help="with --plot: slices, parallel coordinates and importance of this one of the study's goals (default: all)",
+    )
     given = parser.parse_args(arguments)
     if given.study is None and given.plot and (given.plot / SETTINGS_FILE).exists():
         given.study, given.plot = given.plot, _NO_PATH
@@ -215,6 +221,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if picture is not None:
             check_picture(picture)
         settings, (trials, fish) = read_settings(given.study), read_ledger(given.study)
+        goal = None if given.goal is None else _goal(settings, given.goal, picture)
     except (ValueError, OSError) as error:
         sys.stderr.write(f"error: {error}\n")
         return 2
@@ -225,17 +232,36 @@ def main(arguments: Sequence[str] | None = None) -> int:
         console.width = 200  # a file has no width: lines are not to be broken for it
     for part in study_table(settings, trials, console.width, None if given.all else 20):
         console.print(part)
-    return 0 if picture is None else _draw(picture, settings, trials, fish)
+    return 0 if picture is None else _draw(picture, settings, trials, fish, goal)
 
 
-def _draw(path: Path, settings: Settings, trials: Sequence[TrialRecord], fish: Mapping[str, object]) -> int:
+def _goal(settings: Settings, name: str, picture: Path | None) -> Measure:
+    """Return one of the study's goals.
+
+    Raises:
+        ValueError: It is none of them, or nothing is to be drawn.
+    """
+    if picture is None:
+        msg = f"--goal {name} chooses pictures: give --plot too"
+        raise ValueError(msg)
+    goals = {goal.name: goal for goal in settings.goals.measures}
+    return goals[checks.choice("--goal", name, goals)]
+
+
+def _draw(
+    path: Path,
+    settings: Settings,
+    trials: Sequence[TrialRecord],
+    fish: Mapping[str, object],
+    goal: Measure | None,
+) -> int:
     """Draw a study's pictures; return 0, or 1 if one could not be drawn."""
     if all(trial.score is None for trial in trials):
         sys.stderr.write(f"error: {path} is not drawn: no trial has a score yet\n")
         return 1
     from fin_optimizer.study.pictures import draw_study  # noqa: PLC0415  (likewise)
 
-    drawn, failures = draw_study(path, settings, trials, fish)
+    drawn, failures = draw_study(path, settings, trials, fish, goal)
     sys.stdout.writelines(f"picture: {each}\n" for each in drawn)
     sys.stderr.writelines(f"error: {failure}\n" for failure in failures)
     return 1 if failures else 0

@@ -10,7 +10,7 @@ from fin_optimizer.goals import LESS
 from fin_optimizer.paper.files import write_whole
 from fin_optimizer.search import names
 from fin_optimizer.search.pareto import ranks
-from fin_optimizer.study.file_names import FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
+from fin_optimizer.study.file_names import FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE, of_goal
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.space_drawing import Tried, draw_importance, draw_parallel, draw_slices
 from fin_optimizer.words import show_values
@@ -166,7 +166,7 @@ def _pictures(
     good = objectives(campaign, columns)
     if not np.isfinite(good[0]).any():
         return {}
-    space, goal = campaign.start.space, campaign.wanted.measures[0]
+    space = campaign.start.space
     wanted: dict[Path, Callable[[], None]] = {}
     if len(good) > 1:
         wanted[folder / FRONT_FILE] = lambda: _draw_front(folder / FRONT_FILE, campaign, columns)
@@ -174,22 +174,41 @@ def _pictures(
     if any(names.height_place(name) is not None for name in space.names):
         wanted[folder / _OUTLINE] = lambda: _draw_outline(folder / _OUTLINE, campaign, tables)
     if len(space.dimensions) > 1:
-        known = np.flatnonzero(np.isfinite(good[0]))
-        order = known[np.argsort(good[0, known], kind="stable")]
-        chosen = np.sort(order[np.linspace(0, len(order) - 1, min(_MOST, len(order))).astype(int)])
-        unit, factor = goal.shown_in
-        numbers = np.column_stack([columns[name][chosen] for name in space.names])
-        label = f"{goal.words} ({unit})" if unit else goal.words
-        tried = Tried(space.dimensions, numbers, columns[goal.name][chosen] / factor, label, goal.direction == LESS)
-        title = f"{campaign.algorithm}, {len(tables)} runs"
-        wanted[folder / SLICES_FILE] = lambda: draw_slices(folder / SLICES_FILE, tried, title=title)
-        wanted[folder / PARALLEL_FILE] = lambda: draw_parallel(folder / PARALLEL_FILE, tried, title=title)
-        values = [space.values(row) for row in numbers.tolist()]
-        shares = importances(space, values, (goal.direction * tried.scores).tolist())
-        if shares:
-            wanted[folder / IMPORTANCE_FILE] = lambda: draw_importance(
-                folder / IMPORTANCE_FILE, space.dimensions, shares, len(chosen)
-            )
+        for place in range(len(good)):
+            wanted |= _of_goal(folder, campaign, columns, good[place], place)
+    return wanted
+
+
+def _of_goal(
+    folder: Path,
+    campaign: SpaceCampaign,
+    columns: Mapping[str, NDArray[np.float64]],
+    good: NDArray[np.float64],
+    place: int,
+) -> dict[Path, Callable[[], None]]:
+    """Return what is drawn of each goal: of the one at ``place``, of which ``good`` is more the better."""
+    space, goals = campaign.start.space, campaign.wanted.measures
+    goal = goals[place]
+    slices, parallel, importance = (
+        folder / (of_goal(name, goal.name) if place else name) for name in (SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE)
+    )
+    known = np.flatnonzero(np.isfinite(good))
+    order = known[np.argsort(good[known], kind="stable")]
+    chosen = np.sort(order[np.linspace(0, len(order) - 1, min(_MOST, len(order))).astype(int)])
+    unit, factor = goal.shown_in
+    numbers = np.column_stack([columns[name][chosen] for name in space.names])
+    label = f"{goal.words} ({unit})" if unit else goal.words
+    tried = Tried(space.dimensions, numbers, columns[goal.name][chosen] / factor, label, goal.direction == LESS)
+    title = f"{campaign.algorithm}, {campaign.runs} {'run' if campaign.runs == 1 else 'runs'}"
+    wanted: dict[Path, Callable[[], None]] = {
+        slices: lambda: draw_slices(slices, tried, title=title),
+        parallel: lambda: draw_parallel(parallel, tried, title=title),
+    }
+    values = [space.values(row) for row in numbers.tolist()]
+    shares = importances(space, values, (goal.direction * tried.scores).tolist())
+    if shares:
+        words = goal.words if len(goals) > 1 else ""
+        wanted[importance] = lambda: draw_importance(importance, space.dimensions, shares, len(chosen), words)
     return wanted
 
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from datetime import datetime
 
+    from fin_optimizer.goals import Measure
     from fin_optimizer.study.settings import Policy
 
 
@@ -154,12 +155,17 @@ def rank(candidate: Candidate) -> tuple[float, float, int]:
     return (-evaluation.violation if evaluation.score is not None else -math.inf, score, -candidate.number)
 
 
-def best_of(tried: Iterable[Candidate]) -> Candidate | None:
-    """Return the best candidate by the first goal, of equals the first; None if none has a score.
+def best_of(tried: Iterable[Candidate], goal: Measure | None = None) -> Candidate | None:
+    """Return the best candidate by a goal, the first if left out, of equals the first; None if none has a score.
 
     One that misses a constraint is best only where all do.
     """
-    return max((c for c in tried if c.measured), key=rank, default=None)
+
+    def place(candidate: Candidate) -> tuple[float, float, int]:
+        missed, score, number = rank(candidate)
+        return missed, score if goal is None else goal.direction * candidate.measured[goal.name], number
+
+    return max((c for c in tried if c.measured), key=place, default=None)
 
 
 def front(tried: Sequence[Candidate]) -> list[Candidate]:

@@ -12,3 +12,9 @@ SLICES_FILE = "slices.png"
 IMPORTANCE_FILE = "importance.png"
 PICTURES = (FIGURE_FILE, FRONT_FILE, SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE)
 """All that a study may have; the first of them is drawn of each."""
+
+
+def of_goal(name: str, goal: str) -> str:
+    """Return what a picture of another goal than the first is called: ``slices_power.png`` for ``slices.png``."""
+    stem, _, suffix = name.rpartition(".")
+    return f"{stem}_{goal}.{suffix}"

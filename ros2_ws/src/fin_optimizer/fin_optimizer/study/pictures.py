@@ -12,7 +12,7 @@ from fin_optimizer.goals import LESS
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study import drawing, space_drawing
 from fin_optimizer.study.candidate import best_of, candidates, front
-from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE
+from fin_optimizer.study.file_names import FIGURE_FILE, FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE, of_goal
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.report import varied
 from fin_optimizer.study.simulated_curve import TOLD, SimulatedFish, values_along
@@ -38,18 +38,24 @@ _POINTS, _POINTS_ALONE = 25, 71
 
 
 def draw_study(
-    path: Path, settings: Settings, trials: Sequence[TrialRecord], fish: Mapping[str, object]
+    path: Path,
+    settings: Settings,
+    trials: Sequence[TrialRecord],
+    fish: Mapping[str, object],
+    goal: Measure | None = None,
 ) -> tuple[list[Path], list[str]]:
     """Draw speed over what was searched, and beside it what else tells something of the study.
 
-    That is the Pareto front of the first two goals where there are several, and where several parameters were searched
-    slices through the best candidate, parallel coordinates and, of enough candidates, which parameter decides.
+    That is the Pareto front of the first two goals where there are several, and where several parameters were searched,
+    for every goal, slices through the candidate that is best in it, parallel coordinates and, of enough candidates,
+    which parameter decides.
 
     Args:
         path: Where to write the first picture, in the format that its name ends in.
         settings: Of the study.
         trials: All of them, one at least with a score.
         fish: What swam, as the journal has it; empty if it is not known.
+        goal: The one goal to draw this for; all of the study's if left out.
 
     Returns:
         What was drawn, and why the rest could not be.
@@ -60,7 +66,8 @@ def draw_study(
         there = _beside(path, FRONT_FILE)
         wanted[there] = lambda: drawing.draw_front(there, tried, front(tried), goals[:2], title=title(settings, tried))
     if len(settings.space.dimensions) > 1:
-        wanted |= _of_several(path, settings, tried, fish)
+        for each in goals if goal is None else (goal,):
+            wanted |= _of_several(path, settings, tried, fish, each)
     failures = {each: try_to_draw(each, draw) for each, draw in wanted.items()}
     return [each for each, why in failures.items() if not why], [why for why in failures.values() if why]
 
@@ -73,12 +80,15 @@ def _beside(path: Path, name: str) -> Path:
 
 
 def _of_several(
-    path: Path, settings: Settings, tried: Sequence[Candidate], fish: Mapping[str, object]
+    path: Path, settings: Settings, tried: Sequence[Candidate], fish: Mapping[str, object], goal: Measure
 ) -> dict[Path, Callable[[], None]]:
-    """Return the pictures of a space of several parameters, each with what draws it."""
-    arrays, heading = as_arrays(settings, tried), title(settings, tried)
-    slices, parallel, importance = (_beside(path, name) for name in (SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE))
-    best, goal = best_of(tried), settings.goals.measures[0]
+    """Return the pictures of a goal in a space of several parameters, each with what draws it."""
+    arrays, heading, goals = as_arrays(settings, tried, goal), title(settings, tried), settings.goals.measures
+    slices, parallel, importance = (
+        _beside(path, name if goal == goals[0] else of_goal(name, goal.name))
+        for name in (SLICES_FILE, PARALLEL_FILE, IMPORTANCE_FILE)
+    )
+    best = best_of(tried, goal)
     simulated = SimulatedFish.of(settings, fish)
 
     def draw_slices() -> None:
@@ -95,15 +105,17 @@ def _of_several(
     good = [goal.direction * candidate.measured[goal.name] for candidate in scored]
     shares = importances(settings.space, [c.values for c in scored], good)
     if shares:
+        words = goal.words if len(goals) > 1 else ""
         wanted[importance] = lambda: space_drawing.draw_importance(
-            importance, settings.space.dimensions, shares, len(scored)
+            importance, settings.space.dimensions, shares, len(scored), words
         )
     return wanted
 
 
-def as_arrays(settings: Settings, tried: Sequence[Candidate]) -> space_drawing.Tried:
-    """Return the candidates with a score as arrays: of the first goal, in the unit of a laboratory."""
-    goal, best = settings.goals.measures[0], best_of(tried)
+def as_arrays(settings: Settings, tried: Sequence[Candidate], goal: Measure | None = None) -> space_drawing.Tried:
+    """Return the candidates with a score as arrays: of a goal, the first if left out, in the unit of a laboratory."""
+    goal = goal or settings.goals.measures[0]
+    best = best_of(tried, goal)
     scored = [candidate for candidate in tried if candidate.measured]
     numbers = np.array([settings.space.row(candidate.values) for candidate in scored])
     found = np.array([candidate.measured[goal.name] for candidate in scored]) / goal.shown_in[1]

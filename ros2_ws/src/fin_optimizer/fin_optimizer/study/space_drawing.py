@@ -183,7 +183,9 @@ def draw_slices(path: Path, tried: Tried, *, simulated: Curves | None = None, ti
 
 
 @own_style()
-def draw_importance(path: Path, dimensions: Sequence[AnyDimension], shares: Mapping[str, float], count: int) -> None:
+def draw_importance(
+    path: Path, dimensions: Sequence[AnyDimension], shares: Mapping[str, float], count: int, goal: str = ""
+) -> None:
     """Draw which share each parameter has in what tells the best tenth of the candidates from all.
 
     Args:
@@ -191,6 +193,7 @@ def draw_importance(path: Path, dimensions: Sequence[AnyDimension], shares: Mapp
         dimensions: What was searched.
         shares: Of `importances`, the largest first.
         count: Candidates that they are drawn from.
+        goal: In what they are the best, in words, where there are several goals.
     """
     figure = empty_figure(8.0, 1.6 + 0.42 * len(shares))
     axes = figure.add_subplot()
@@ -201,9 +204,8 @@ def draw_importance(path: Path, dimensions: Sequence[AnyDimension], shares: Mapp
     axes.set_yticks(places, [words[name] for name in shares])
     axes.set(xlim=(0.0, 1.08 * max(shares.values())), xticks=[])
     axes.spines[["top", "right", "bottom"]].set_visible(False)
-    axes.set_title(
-        f"Which parameter decides: the best tenth of {count} candidates beside all (PED-ANOVA)", fontsize="medium"
-    )
+    what = f"Which parameter decides {goal}" if goal else "Which parameter decides"
+    axes.set_title(f"{what}: the best tenth of {count} candidates beside all (PED-ANOVA)", fontsize="medium")
     save_whole(figure, path)
 
 
