@@ -209,13 +209,17 @@ def test_energy_under_tow_balances_over_whole_beats_and_the_tip_form_is_refused(
         energy_budget(swim(Fin(), duration=1.0, reactive="tip"))
 
 
-@settings(_QUICK, max_examples=80)
-@given(fins(), st.sampled_from(["distributed", "tip"]), st.sampled_from(["free", "fixed", "towed"]))
-def test_every_accepted_fin_swims_with_finite_results(fin: Fin, reactive: str, clamp: str) -> None:
+def swims_with_finite_results(fin: Fin, reactive: str, clamp: str) -> None:
     result = swim(fin, duration=2.0, reactive=reactive, clamp=clamp, tow_speed=0.05)  # type: ignore[arg-type]
     for values in (result.x, result.surge, result.joint_angles, result.joint_torques, result.servo_power, result.force):
         assert np.isfinite(values).all()
     assert abs(result.mean_speed) < 5.0
+
+
+@pytest.mark.parametrize("examples", [20, pytest.param(300, marks=pytest.mark.long)])
+def test_every_accepted_fin_swims_with_finite_results(examples: int) -> None:
+    ways = st.sampled_from(["distributed", "tip"]), st.sampled_from(["free", "fixed", "towed"])
+    settings(_QUICK, max_examples=examples)(given(fins(), *ways)(swims_with_finite_results))()
 
 
 def test_fin_that_flutters_gets_a_shorter_step() -> None:
