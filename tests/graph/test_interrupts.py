@@ -147,7 +147,7 @@ def test_ctrl_c_at_any_time_ends_an_executable_quietly(
     check(0.02 + 0.4 * step, package, executable, tmp_path, terminal)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.4, 0.8, 1.2])
+@pytest.mark.parametrize("delay", [0.0, 0.8, *(pytest.param(delay, marks=pytest.mark.long) for delay in (0.4, 1.2))])
 def test_ctrl_c_while_the_workers_of_a_campaign_start_is_answered_by_the_campaign_alone(
     delay: float, tmp_path: Path, terminal: int
 ) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -31,7 +32,9 @@ def modules(package: str) -> dict[str, Path]:
     return found
 
 
-def imported(path: Path) -> set[str]:
+# Sources are read once: half of the layering's tests would be parsing them again.
+@cache
+def imported(path: Path) -> frozenset[str]:
     """Return the dotted names that a source file imports, wherever in the file; those for type checking too."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text())):
@@ -39,10 +42,11 @@ def imported(path: Path) -> set[str]:
             names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
             names.add(node.module)
-    return names
+    return frozenset(names)
 
 
-def imported_at_start(path: Path) -> set[str]:
+@cache
+def imported_at_start(path: Path) -> frozenset[str]:
     """Return the dotted names of modules that are imported while a source file is; not those for type checking."""
     names: set[str] = set()
     statements = list(ast.parse(path.read_text()).body)
@@ -54,7 +58,7 @@ def imported_at_start(path: Path) -> set[str]:
             names.update(f"{node.module}.{alias.name}" for alias in node.names)
         elif isinstance(node, ast.With | ast.Try):
             statements.extend(node.body)
-    return names
+    return frozenset(names)
 
 
 def loaded_at_start(name: str, of: Mapping[str, Path]) -> set[str]:

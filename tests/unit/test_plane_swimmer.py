@@ -61,7 +61,10 @@ def written(folder: Path, content: object) -> Path:
     return path
 
 
-def test_the_command_tells_the_net_motion_of_the_reference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_tells_the_net_motion_of_the_reference(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fin_sim.ideal_2d.swimmer_picture._FRAMES", 6)  # each takes a tenth of a second to draw
     path = written(tmp_path, THICK)
     files = [str(tmp_path / name) for name in ("stroke.csv", "stroke.png", "stroke.gif")]
     arguments = ["--water", "ideal_2d", "--chain", str(path), "--json"]

@@ -503,7 +503,14 @@ def swum(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(("name", "begins"), [("a.png", b"\x89PNG"), ("a.pdf", b"%PDF"), ("a.svg", b"<?xml")])
+@pytest.mark.parametrize(
+    ("name", "begins"),
+    [
+        ("a.svg", b"<?xml"),
+        pytest.param("a.pdf", b"%PDF", marks=pytest.mark.long),
+        pytest.param("a.png", b"\x89PNG", marks=pytest.mark.long),
+    ],
+)
 def test_a_studys_picture_is_drawn_any_time_and_only_read_for_it(
     swum: Path, tmp_path: Path, name: str, begins: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -71,6 +71,7 @@ def test_command_outside_the_repository_says_what_to_do(capsys: pytest.CaptureFi
     assert not (tmp_path / "docs").exists()
 
 
+@pytest.mark.long
 def test_stiff_end_fixes_the_drag_area_where_it_is_fitted_and_the_rest_follows() -> None:
     points = paper.published(DATA / "paper_curves.csv")
     assert points["model"].ratio == pytest.approx(1.42, abs=0.01)
