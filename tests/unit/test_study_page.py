@@ -185,7 +185,9 @@ def test_simulated_and_measured_are_compared_by_rank() -> None:
     assert "over 3 fins: 1.000" in section(study_page(facts), "measured").paragraphs[1]
     few = replace(facts, simulated=replace(SIMULATED, again={0: 0.01}))
     assert few.rank_correlation is None
-    robot = replace(facts, simulated=replace(SIMULATED, curves={}, is_the_plant=False))
+    assert "the simulator with its default fish" in section(study_page(facts), "measured").paragraphs[0]
+    robot = replace(facts, simulated=replace(SIMULATED, curves={}, is_the_plant=False, swimmer="the fish of tank.yaml"))
+    assert "with the fish of tank.yaml: it did not swim this study." in section(study_page(robot), "best").paragraphs[0]
     assert "No simulated fish swam" in section(study_page(robot), "searched").paragraphs[0]
 
 
@@ -274,6 +276,14 @@ def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its
     assert other is not None
     assert (other.is_the_plant, other.curves) == (False, {})
     assert other.again == pytest.approx(own.again)
+    default = node_table("fin_sim", "simulator").checked({})
+    heavy = default | {"body.mass": 2.0 * float(str(default["body.mass"]))}
+    fitted = simulate(settings, trials, {"plant": "robot"}, fitted=("the fish of tank.yaml", heavy))
+    assert fitted is not None
+    assert fitted.again != pytest.approx(own.again)
+    assert (fitted.swimmer, fitted.is_the_plant) == ("the fish of tank.yaml", False)
+    with pytest.raises(ValueError, match=r"a fish that the study tells: leave the fish of tank\.yaml out"):
+        simulate(settings, trials, fish, fitted=("the fish of tank.yaml", heavy))
     assert simulate(settings, [], fish) is None
     assert simulate(SETTINGS, trials, fish) is None
 

@@ -30,18 +30,21 @@ if TYPE_CHECKING:
 REPORT_FILE, COMPARISON_FILE = "report.html", "comparison.html"
 
 
-def study_facts(folder: Path, *, beside: Path, simulated: bool = True) -> StudyFacts:
+def study_facts(folder: Path, *, beside: Path, simulated: bool = True, fish_file: Path | None = None) -> StudyFacts:
     """Return what a study's folder tells; nothing of the study is changed, the simulator's speeds are kept in it.
 
     Args:
         folder: Of the study; an optimiser may be working on it.
         beside: Folder of the page, from which its links lead.
         simulated: Whether the simulator swims too.
+        fish_file: What `calibrate` wrote of the robot that swam.
 
     Raises:
         StudyError: There is no study, or this version cannot read it.
+        ValueError: The fitted fish cannot be read, or did not swim.
     """
     # A second, which only who wants a report spends.
+    from fin_optimizer.calibration.fish_file import read_fish  # noqa: PLC0415
     from fin_optimizer.report.simulated import CACHE_FILE  # noqa: PLC0415
     from fin_optimizer.report.study_facts import StudyFacts, simulate  # noqa: PLC0415
 
@@ -49,7 +52,14 @@ def study_facts(folder: Path, *, beside: Path, simulated: bool = True) -> StudyF
     settings, (trials, fish) = read_settings(folder), read_ledger(folder, notes.append)
     there = {f"bags/{name}" for _, name in bags_in(folder)}
     versions, whose = _versions(folder, trials, there)
-    said = simulate(settings, trials, fish, folder / CACHE_FILE, provenance()) if simulated else None
+    fitted = None
+    if fish_file is not None:
+        try:
+            fitted = (f"the fish of {fish_file.name}", read_fish(fish_file).fish)
+        except OSError as error:
+            msg = f"the fish cannot be read: {error}"
+            raise ValueError(msg) from error
+    said = simulate(settings, trials, fish, folder / CACHE_FILE, provenance(), fitted) if simulated else None
     away = os.path.relpath(folder, beside)
     linked = [replace(trial, bag=str(Path(away) / trial.bag)) for trial in trials]
     bags = frozenset(str(Path(away) / bag) for bag in there)
@@ -74,13 +84,16 @@ def _versions(folder: Path, trials: Sequence[TrialRecord], there: set[str]) -> t
     return provenance(), "those of the program that wrote this page: no bag tells others"
 
 
-def _page(folders: Sequence[Path], target: Path) -> Page:
+def _page(folders: Sequence[Path], target: Path, fish_file: Path | None) -> Page:
     """Return the page of what was given.
 
     Raises:
         StudyError: There is no study, or this version cannot read it.
-        ValueError: A campaign that cannot be read.
+        ValueError: A campaign or a fish that cannot be read, or a fish for what is no robot's study.
     """
+    if fish_file is not None and (len(folders) > 1 or (folders[0] / "runs").is_dir()):
+        msg = "--fish is for the report of one study, that of a robot"
+        raise ValueError(msg)
     if len(folders) > 1:
         from fin_optimizer.report.comparison_page import comparison_page  # noqa: PLC0415
 
@@ -90,7 +103,7 @@ def _page(folders: Sequence[Path], target: Path) -> Page:
         return _campaign_page(folder)
     from fin_optimizer.report.study_page import study_page  # noqa: PLC0415
 
-    return study_page(study_facts(folder, beside=target.parent))
+    return study_page(study_facts(folder, beside=target.parent, fish_file=fish_file))
 
 
 def _campaign_page(folder: Path) -> Page:
@@ -128,16 +141,17 @@ def _tuples(value: Any) -> Any:
     return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
-def write_report(folders: Sequence[Path], output: Path | None = None) -> Path:
+def write_report(folders: Sequence[Path], output: Path | None = None, fish_file: Path | None = None) -> Path:
     """Write a report; return where. An older one is replaced as a whole or not at all.
 
     Args:
         folders: Of one study or campaign, or of several studies to be compared.
         output: The file, or a folder for it; the study's folder if left out, for several the current one.
+        fish_file: What `calibrate` wrote of the robot that swam a study.
 
     Raises:
         StudyError: There is no study, or this version cannot read it.
-        ValueError: A campaign that cannot be read.
+        ValueError: A campaign or a fish that cannot be read, or a fish for what is no robot's study.
         OSError: The page cannot be written.
     """
     from fin_optimizer.report.page import html_of  # noqa: PLC0415
@@ -148,7 +162,7 @@ def write_report(folders: Sequence[Path], output: Path | None = None) -> Path:
     if target.exists() and not target.is_file():
         msg = f"{target} is no file that a page could replace: give a file's name, or a folder"
         raise ValueError(msg)
-    page = _page(folders, target)
+    page = _page(folders, target, fish_file)
     foot = f"Written {datetime.now().astimezone():%Y-%m-%d %H:%M %Z} by `report` of fin_optimizer."
     text = html_of(replace(page, foot=foot))
     partial = target.with_name(target.name + ".partial")
@@ -182,9 +196,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help=f"file or folder of the page; the study's folder if left out, of several the current one, as "
         f"{COMPARISON_FILE}",
     )
+    parser.add_argument(
+        "--fish",
+        type=given_path,
+        metavar="FILE",
+        help="what calibrate wrote of the robot that swam the study: which the simulator swims then",
+    )
     given = parser.parse_args(arguments)
     try:
-        target = write_report(given.study, given.output)
+        target = write_report(given.study, given.output, given.fish)
     except (StudyError, ValueError) as error:
         sys.stderr.write(f"error: {error}\n")
         return 2

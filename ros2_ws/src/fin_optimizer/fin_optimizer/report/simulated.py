@@ -26,6 +26,8 @@ Speeds = Callable[[Sequence[Mapping[str, Any]]], Sequence[float]]
 """Mean speeds of candidates in m/s, NaN where one cannot be."""
 
 CACHE_FILE = "landscape.json"
+DEFAULT_FISH = "its default fish"
+"""How the fish is called that stands for one of which nobody has told its parameters."""
 _POINTS, _ONLY = 25, 71
 """Points of a curve: of one among several, and where one parameter alone is searched."""
 _SIDE = 33
@@ -123,6 +125,7 @@ class Simulated:
         is_the_plant: Whether the simulator swam the trials too.
         measure: What ``again`` is, and the curves and the map where there are any.
         trouble: Why it cannot swim the best candidate.
+        swimmer: Which fish it swims, where that is not the study's own.
     """
 
     curves: Mapping[str, Curve]
@@ -133,6 +136,7 @@ class Simulated:
     is_the_plant: bool
     measure: Measure = MEASURES[MEAN_SPEED]
     trouble: str = ""
+    swimmer: str = DEFAULT_FISH
 
 
 def curves_through(space: Space, best: Mapping[str, Any], speeds: Speeds) -> dict[str, Curve]:

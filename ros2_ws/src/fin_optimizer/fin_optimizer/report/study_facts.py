@@ -12,6 +12,7 @@ import scipy
 from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.report.film import film_of
 from fin_optimizer.report.simulated import (
+    DEFAULT_FISH,
     KeptSpeeds,
     Simulated,
     curves_through,
@@ -115,10 +116,12 @@ def simulate(
     fish: Mapping[str, object],
     cache: Path | None = None,
     versions: Mapping[str, str] | None = None,
+    fitted: tuple[str, Mapping[str, Value]] | None = None,
 ) -> Simulated | None:
     """Return what the simulator says of a study; None of one without a score, or that does not tell fin and gait.
 
-    Where another plant than the simulator swam, its candidates are swum again by the simulator's default fish.
+    Where another plant than the simulator swam, its candidates are swum again by the fish that was fitted to it, or by
+    the simulator's default one.
 
     Args:
         settings: Of the study.
@@ -126,18 +129,26 @@ def simulate(
         fish: What swam, as the journal has it.
         cache: Where speeds once computed are kept; nowhere if left out.
         versions: Of what computes them; others are computed anew.
+        fitted: What to call the fish that was fitted to the plant, and its parameters.
+
+    Raises:
+        ValueError: There is a fitted fish, but the simulator swam the study with its own.
     """
     tried = candidates(trials, settings.goals)
     best = best_of(tried)
     swum_by = SimulatedFish.of(settings, fish)
+    if swum_by is not None and fitted is not None:
+        msg = f"the simulator swam this study, with a fish that the study tells: leave {fitted[0]} out"
+        raise ValueError(msg)
     default = cast("Mapping[str, Value]", node_table("fin_sim", "simulator").checked({}))
-    swimmer = swum_by or SimulatedFish.of(settings, default)
+    name, fish_parameters = fitted or (DEFAULT_FISH, default)
+    swimmer = swum_by or SimulatedFish.of(settings, fish_parameters)
     if best is None or swimmer is None:
         return None
     try:
         swum = swimmer.swim(best.values)
     except (ArithmeticError, ValueError) as error:
-        return Simulated({}, None, {}, None, (), swum_by is not None, trouble=str(error))
+        return Simulated({}, None, {}, None, (), swum_by is not None, trouble=str(error), swimmer=name)
     goal = settings.goals.measures[0]
     measure = goal if goal.name in TOLD else MEASURES[MEAN_SPEED]
     key = key_of(settings.flat(), swimmer.parameters, versions, measure.name)
@@ -156,4 +167,6 @@ def simulate(
         speeds.write(cache)
     number = cast("Mapping[str, float]", swimmer.parameters)
     film = film_of(swum, (number["body.length"], number["body.width"]))
-    return Simulated(curves, chart, again, film, numbers_of(swum, swimmer.settle), swum_by is not None, measure)
+    return Simulated(
+        curves, chart, again, film, numbers_of(swum, swimmer.settle), swum_by is not None, measure, swimmer=name
+    )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.report import figures
 from fin_optimizer.report.parts import Cell, Column, Facts, Film, Page, Plot, Section, Table
+from fin_optimizer.report.simulated import DEFAULT_FISH
 from fin_optimizer.study.candidate import front, rank
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.report import varied
@@ -188,7 +189,9 @@ def _best_fin(facts: StudyFacts) -> Section | None:
         return None
     said = ["Computed by the simulator, with the fish that swam the study."]
     if not simulated.is_the_plant:
-        said = ["Computed by the simulator with its default fish: it did not swim this study, and its body is another."]
+        said = [f"Computed by the simulator with {simulated.swimmer}: it did not swim this study."]
+        if simulated.swimmer == DEFAULT_FISH:
+            said[0] += " Its body is another; `report --fish` takes the one that `calibrate` has fitted."
     blocks: list[Block] = []
     if simulated.film is not None:
         blocks.append(Film(simulated.film, "The best fin's swim from above: body, driven tail and bending fin."))
@@ -205,7 +208,8 @@ def _against(facts: StudyFacts) -> Section | None:
     if facts.simulated.is_the_plant:
         said = "The simulator swam the trials through the whole graph, and again alone for this page."
     else:
-        said = "Measured is what the plant swam; simulated is the simulator's default fish with the same fin and gait."
+        said = "Measured is what the plant swam; simulated is the simulator with "
+        said += f"{facts.simulated.swimmer} and the same fin and gait."
     found = (
         f"Spearman's rank correlation over {counted(len(facts.pairs), 'fin')}: {correlation:.3f}."
         if correlation is not None
