@@ -277,13 +277,13 @@ def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its
     assert (other.is_the_plant, other.curves) == (False, {})
     assert other.again == pytest.approx(own.again)
     default = node_table("fin_sim", "simulator").checked({})
-    heavy = default | {"body.mass": 2.0 * float(str(default["body.mass"]))}
-    fitted = simulate(settings, trials, {"plant": "robot"}, fitted=("the fish of tank.yaml", heavy))
+    blunt = default | {"body.drag_area": 2.4e-3}
+    fitted = simulate(settings, trials, {"plant": "robot"}, fitted=("the fish of tank.yaml", blunt))
     assert fitted is not None
     assert fitted.again != pytest.approx(own.again)
     assert (fitted.swimmer, fitted.is_the_plant) == ("the fish of tank.yaml", False)
     with pytest.raises(ValueError, match=r"a fish that the study tells: leave the fish of tank\.yaml out"):
-        simulate(settings, trials, fish, fitted=("the fish of tank.yaml", heavy))
+        simulate(settings, trials, fish, fitted=("the fish of tank.yaml", blunt))
     assert simulate(settings, [], fish) is None
     assert simulate(SETTINGS, trials, fish) is None
 
