@@ -182,6 +182,13 @@ def test_the_simulated_fish_keeps_what_a_candidate_leads_to() -> None:
     assert gait.joints[0].frequency == 0.9
 
 
+def test_a_fish_in_a_plane_flow_has_no_curve_that_takes_minutes() -> None:
+    table = node_table("fin_sim", "simulator")
+    simulated = {name: table[name].default for name in table.deciding_swims - FIN_PARAMETERS.keys()}
+    assert SimulatedFish.of(OF_TWO, {**simulated, "water.preset": "soleil"}) is not None
+    assert SimulatedFish.of(OF_TWO, {**simulated, "water.preset": "bht"}) is None
+
+
 def test_every_searched_name_stands_with_its_unit_in_each_table() -> None:
     searched = Space((MODULUS, SEGMENTS, FREQUENCY, BIAS, Dimension("fin.damping_time", 0.0, 0.1, "s")))
     settings = Settings(searched, details={**FIN, "gait.amplitude": 0.2})

@@ -22,7 +22,7 @@ from fin_optimizer.report.simulated import (
     to_swim_again,
 )
 from fin_optimizer.study.candidate import best_of, candidates
-from fin_optimizer.study.simulated_curve import TOLD, SimulatedFish
+from fin_optimizer.study.simulated_curve import TOLD, SimulatedFish, can_be_computed
 from fin_optimizer.trial.result import Outcome
 from fin_plant.fin import node_table
 
@@ -137,12 +137,12 @@ def simulate(
     tried = candidates(trials, settings.goals)
     best = best_of(tried)
     swum_by = SimulatedFish.of(settings, fish)
-    if swum_by is not None and fitted is not None:
+    if can_be_computed(fish) and fitted is not None:
         msg = f"the simulator swam this study, with a fish that the study tells: leave {fitted[0]} out"
         raise ValueError(msg)
     default = cast("Mapping[str, Value]", node_table("fin_sim", "simulator").checked({}))
     name, fish_parameters = fitted or (DEFAULT_FISH, default)
-    swimmer = swum_by or SimulatedFish.of(settings, fish_parameters)
+    swimmer = swum_by if can_be_computed(fish) else SimulatedFish.of(settings, fish_parameters)
     if best is None or swimmer is None:
         return None
     try:

@@ -53,7 +53,7 @@ class SimulatedFish:
 
     @classmethod
     def of(cls, settings: Settings, fish: Mapping[str, object]) -> Self | None:
-        """Return the fish that swam a study, None where it cannot be computed.
+        """Return the fish that swam a study, None where it cannot be computed, or not in seconds: in a plane flow.
 
         Args:
             settings: Of the study; one of an older version may lack the gait.
@@ -67,8 +67,10 @@ class SimulatedFish:
         from fin_sim.fish import Fish  # noqa: PLC0415  (Numba takes a second to load)
 
         try:
-            Fish.from_parameters(parameters)
+            simulated = Fish.from_parameters(parameters)
         except (LookupError, ValueError):  # a simulator of long ago, which had other parameters
+            return None
+        if simulated.water.model == "ideal_2d":  # a swim costs up to half a minute, a curve a hundred swims
             return None
         return cls(settings, parameters)
 

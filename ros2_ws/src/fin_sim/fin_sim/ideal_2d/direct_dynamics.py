@@ -24,9 +24,8 @@ if TYPE_CHECKING:
 
 REACH = 1.2
 """Largest angle of a hinge, rad: the water near a sealed hinge is right to a thousandth up to it."""
-_MAY_MEET = (
-    1.5  # rad, between the headings of any two links: a tail that bends less reaches neither itself nor the body
-)
+_MAY_MEET = 1.5
+"""Between the headings of any two links, rad: a tail that bends less reaches neither itself nor the body."""
 
 
 @dataclass(frozen=True)

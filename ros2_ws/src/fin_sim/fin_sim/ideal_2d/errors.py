@@ -27,7 +27,5 @@ class CollisionError(FoldedError):
 
     def __str__(self) -> str:
         names = ["the body" if index == 0 else f"link {index}" for index in self.members or ()]
-        what = (
-            f"{' and '.join(names)} collide" if names else "links of the tail come too close to the others or the body"
-        )
+        what = f"{' and '.join(names)} collide" if names else "links come too close to each other or the body"
         return f"{what} at t = {self.time:.3g} s: take a stiffer fin, a slower or smaller beat"

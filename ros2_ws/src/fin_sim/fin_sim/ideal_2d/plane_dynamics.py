@@ -287,6 +287,7 @@ class PlaneStepper(dynamics.Stepper):
         self._tables = tuple((reach, degree) for reach in PASSIVE_REACHES) if grid else OF_MANY
         strides = [count for count in range(1, every + 1) if every % count == 0 and count * step <= _LONGEST_STEP]
         self._stride = max(strides, default=1)
+        self._solved: Direct | None = None
         self._springs = np.array([[link.stiffness for link in springs], [link.damping for link in springs]])
 
     def start(self) -> NDArray[np.float64]:
@@ -361,8 +362,8 @@ class PlaneStepper(dynamics.Stepper):
         raise StepError(written * self.sample_time)
 
     def _direct(self, table: Table) -> Direct:
-        """Return the fish with its water solved for in every pose."""
-        return Direct(
+        """Return the fish with its water solved for in every pose; kept, since a node advances by few samples."""
+        self._solved = self._solved or Direct(
             water=AddedMass(linkage_of(self._fish)),
             driven=np.array(self.chain.driven),
             stiffness=self._springs[0],
@@ -371,3 +372,4 @@ class PlaneStepper(dynamics.Stepper):
             current=complex(self.chain.water.current_x, self.chain.water.current_y),
             step=self.step * self._stride,
         )
+        return self._solved
