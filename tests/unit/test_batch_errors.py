@@ -181,7 +181,7 @@ def test_nasty_swim_is_right(name: str) -> None:
     assert error(NASTY[name], swum) < 1.0
 
 
-@pytest.mark.parametrize("clamp", ["free", "fixed"])
+@pytest.mark.parametrize("clamp", ["free", pytest.param("fixed", marks=pytest.mark.long)])
 def test_proven_fins_are_right_without_a_second_swim(clamp: str) -> None:
     fins = [paper_fin(young_modulus=e, tip_height=tip) for e, tip in ((3e8, 0.025), (1.2e9, 0.05), (4e9, 0.025))]
     for fin in fins:

@@ -88,7 +88,7 @@ def test_results_do_not_depend_on_executor_or_grouping(tmp_path: Path, expected:
     assert [len(group) for group in groups(planned_runs(SMALL))] == [1, 1, 1, 3, 1, 1, 1, 1, 1, 1, 1]
 
 
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize("workers", [pytest.param("1", marks=pytest.mark.long), "2"])
 def test_the_command_writes_tables_and_figures_the_same_on_any_number_of_processes(
     tmp_path: Path, expected: dict[Run, Table], capsys: pytest.CaptureFixture[str], workers: str
 ) -> None:

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -33,7 +33,20 @@ if TYPE_CHECKING:
 
 # Each example swims for some milliseconds; what is slow is the first call, which loads the compiled kernel.
 # The same examples every time, so that a change is not blamed for a find by luck; 400 and 1500 have been tried.
-_QUICK = settings(derandomize=True, deadline=None, max_examples=20, suppress_health_check=[HealthCheck.too_slow])
+_ALIKE = settings(derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+
+
+def holds_for(*strategies: st.SearchStrategy[Any], few: int = 10) -> Callable[[Callable[..., None]], Any]:
+    """Make a property the test of a few examples, and in the long set of fifteen times as many."""
+
+    def tested(check: Callable[..., None]) -> Any:
+        @pytest.mark.parametrize("examples", [few, pytest.param(15 * few, marks=pytest.mark.long)])
+        def test(examples: int) -> None:
+            settings(_ALIKE, max_examples=examples)(given(*strategies)(check))()
+
+        return test
+
+    return tested
 
 
 @st.composite
@@ -157,8 +170,7 @@ def test_fins_about_the_best_swim_within_a_hundredth_of_the_converged_speed(modu
     assert speeds[0] == pytest.approx(convergence.extrapolated(counts, speeds), rel=0.01)
 
 
-@_QUICK
-@given(fins(), st.floats(1.0, 30.0), st.floats(0.2, 3.0), st.floats(-20.0, 20.0))
+@holds_for(fins(), st.floats(1.0, 30.0), st.floats(0.2, 3.0), st.floats(-20.0, 20.0))
 def test_mirrored_drive_swims_the_mirrored_path(fin: Fin, amplitude: float, frequency: float, bias: float) -> None:
     drive = JointDrive(math.radians(amplitude), frequency, bias=math.radians(bias))
     mirrored = replace(drive, phase=math.pi, bias=-drive.bias)
@@ -169,8 +181,7 @@ def test_mirrored_drive_swims_the_mirrored_path(fin: Fin, amplitude: float, freq
     assert np.abs(one[:, :3] - other[:, :3]).max() < 1e-8 * max(1.0, float(np.abs(one).max()))
 
 
-@_QUICK
-@given(fins(), st.floats(-3.0, 3.0), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+@holds_for(fins(), st.floats(-3.0, 3.0), st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
 def test_turned_and_shifted_start_turns_and_shifts_the_path(fin: Fin, heading: float, x: float, y: float) -> None:
     gait = carangiform(math.radians(15.0), 0.9)
     here, there = _start(fin, gait), _start(fin, gait, x=x, y=y, heading=heading)
@@ -182,8 +193,7 @@ def test_turned_and_shifted_start_turns_and_shifts_the_path(fin: Fin, heading: f
     assert np.abs(there[:, 2:] - here[:, 2:] - heading * (np.arange(here.shape[1] - 2) == 0)).max() < 1e-8
 
 
-@_QUICK
-@given(fins(), st.floats(0.3, 2.0))
+@holds_for(fins(), st.floats(0.3, 2.0))
 def test_no_energy_comes_from_nowhere(fin: Fin, frequency: float) -> None:
     result = swim(fin, gait=carangiform(math.radians(15.0), frequency), duration=2.0, sample_time=2e-3)
     budget = energy_budget(result)
@@ -209,17 +219,12 @@ def test_energy_under_tow_balances_over_whole_beats_and_the_tip_form_is_refused(
         energy_budget(swim(Fin(), duration=1.0, reactive="tip"))
 
 
-def swims_with_finite_results(fin: Fin, reactive: str, clamp: str) -> None:
+@holds_for(fins(), st.sampled_from(["distributed", "tip"]), st.sampled_from(["free", "fixed", "towed"]), few=20)
+def test_every_accepted_fin_swims_with_finite_results(fin: Fin, reactive: str, clamp: str) -> None:
     result = swim(fin, duration=2.0, reactive=reactive, clamp=clamp, tow_speed=0.05)  # type: ignore[arg-type]
     for values in (result.x, result.surge, result.joint_angles, result.joint_torques, result.servo_power, result.force):
         assert np.isfinite(values).all()
     assert abs(result.mean_speed) < 5.0
-
-
-@pytest.mark.parametrize("examples", [20, pytest.param(300, marks=pytest.mark.long)])
-def test_every_accepted_fin_swims_with_finite_results(examples: int) -> None:
-    ways = st.sampled_from(["distributed", "tip"]), st.sampled_from(["free", "fixed", "towed"])
-    settings(_QUICK, max_examples=examples)(given(fins(), *ways)(swims_with_finite_results))()
 
 
 def test_fin_that_flutters_gets_a_shorter_step() -> None:
