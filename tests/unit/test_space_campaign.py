@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -138,6 +139,26 @@ def test_results_do_not_depend_on_the_executor(file: Path, tmp_path: Path) -> No
     with ThreadPoolExecutor(2) as executor:
         found = campaign.carry_out(given.planned(), tmp_path, executor, lambda *_: None)
     assert all(same(perform([run])[0], found[run]) for run in given.planned())
+
+
+@pytest.mark.long
+def test_a_dask_cluster_of_two_processes_gives_the_same_results(file: Path, tmp_path: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="pip install -r requirements/bench.txt")
+    given, folder = small(file, "random", runs=3), tmp_path / "out"
+    asked = ["--space", str(file), "--algorithm", "random", "--runs", "3", "--swims", "8", "--duration", "1"]
+    options = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    with distributed.LocalCluster(host="127.0.0.1", protocol="tcp://", **options) as cluster:
+        assert command(*asked, "--output", str(folder), "--dask", cluster.scheduler_address) == 0
+        with distributed.Client(cluster, set_as_default=False) as client:
+            assert len(set(client.run(os.getpid).values()) - {os.getpid()}) == 2
+    found = campaign.finished(folder, given.planned())
+    assert all(same(perform([run])[0], found[run]) for run in given.planned())
+
+
+def test_a_folder_of_a_settled_window_says_so_and_another_is_as_ever(file: Path) -> None:
+    """Older versions took all of the window, whose runs would be mixed with those of whole beats."""
+    assert campaign._settings(small(file, "random", settle=0.5))["window"] == "whole beats"
+    assert "window" not in campaign._settings(small(file, "random"))
 
 
 @pytest.mark.parametrize(
