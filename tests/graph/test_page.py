@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import signal
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import aiohttp
 import pytest
 
+from fin_optimizer.study.records import ASKED_FOR_AGAIN, read_trials
 from fin_servo_driver.emulator.devices import Firmata
 from support.page_client import PageClient, address_of
 from support.robot_client import plugged_in
@@ -49,6 +51,11 @@ def start_study(start: Start, folder: Path, speed: str = "1.0", *arguments: str)
     return plant, start("fin_optimizer", "optimizer", "--ros-args", "-r", "__ns:=/fish", *words)
 
 
+def told(page: PageClient) -> str:
+    """Return what the page says that was done."""
+    return "\n".join(event["text"] for event in page.snapshot["events"])
+
+
 def test_a_study_in_the_simulator_is_watched_paused_stopped_and_released(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "study"
     start_study(start, folder, "0.0", "trials:=1000", "autostart:=false")
@@ -64,6 +71,8 @@ def test_a_study_in_the_simulator_is_watched_paused_stopped_and_released(start: 
             assert len(one.newest["frame"]["tail"]) > 2
             await other.press("pause")
             await one.until(lambda: one.offer("start"), "a study that holds")
+            await other.press("repeat")
+            await one.until(lambda: "is swum again, once the study goes on" in told(one), "a trial that is swum again")
             await other.send(do="stop")
             await one.until(lambda: (one.snapshot["stop"] or {}).get("state") == "heard", "an answer to the stop")
             assert "heard by /fish/simulator, after" in one.snapshot["stop"]["text"]
@@ -76,6 +85,10 @@ def test_a_study_in_the_simulator_is_watched_paused_stopped_and_released(start: 
     assert page.interrupt() == 128 + signal.SIGINT
     assert "Traceback" not in page.output()
     log = (folder / "page.log").read_text()
+    repeated = re.search(r"pressed: Repeat trial (\d+)", log)
+    assert repeated is not None
+    marked = [trial.number for trial in read_trials(folder) if trial.reason.endswith(ASKED_FOR_AGAIN)]
+    assert marked == [int(repeated[1])]
     for done in ("pressed: Start", "pressed: Pause after this trial", "pressed: EMERGENCY STOP", "released"):
         assert done in log
     assert all(len(line.split("\t")) == 3 for line in log.splitlines())
