@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from fin_optimizer.calibration import errors as judged
-from fin_optimizer.calibration.fish_file import fish_file, read_fish
+from fin_optimizer.calibration.cloud_prior import around
+from fin_optimizer.calibration.fish_file import fish_file, read_errors, read_fish
 from fin_optimizer.calibration.fit import Fit, fit, refit
 from fin_optimizer.calibration.model import Tank, model_of
 from fin_optimizer.calibration.prediction import predict
@@ -21,6 +22,7 @@ from fin_optimizer.calibration.settings import GAIN_LEFT, Settings, read_setting
 from fin_optimizer.calibration.swims import Swim, SwimError, beat_frequency, read_csv, usable
 from fin_optimizer.commands import calibrate as calibrate_command
 from fin_optimizer.commands import predict as predict_command
+from fin_optimizer.search import plausible
 from fin_plant.paths import config_folder
 from fin_sim import swim_command
 
@@ -122,6 +124,9 @@ def test_a_fish_that_was_fitted_survives_its_file(tmp_path: Path) -> None:
     path = tmp_path / "fitted.yaml"
     path.write_text(fish_file(found, [swim.name for swim in swims], "calibrate"), encoding="utf-8")
     read = read_fish(path)
+    told = read_errors(path)
+    assert list(told) == list(found.names)
+    assert told[found.names[0]] == pytest.approx((found.low[0], found.high[0]), rel=5e-3)
     assert read.own == pytest.approx(found.model.own, rel=1e-5)
     assert read.knots.bias == pytest.approx(found.model.knots.bias, rel=1e-5)
     assert read.fish["body.drag_area"] == pytest.approx(found.model.fish["body.drag_area"], rel=1e-5)
@@ -343,6 +348,32 @@ def test_a_bag_of_a_trial_is_a_swim() -> None:
     assert along.sum() == pytest.approx(np.trapezoid(swim.forward, swim.time), rel=0.05)
     with pytest.raises(SwimError, match=r"needed are 4\.5 s"):
         usable([swim], 0.0)
+
+
+def test_the_swims_of_a_study_are_its_bags_and_not_its_table() -> None:
+    study = DATA / "study_2026_11"
+    assert (study / "trials.csv").exists()
+    assert [swim.name for swim in read_folder(study)] == [each.name for each in sorted((study / "bags").iterdir())]
+
+
+def test_the_swim_of_a_bag_can_be_predicted() -> None:
+    """Its fin is told whole: a profile of heights is a list."""
+    swim = read_swim_of_bag(min((DATA / "study_2026_11" / "bags").iterdir()))
+    assert isinstance(swim.fin["fin.profile_height"], list)
+    tank = Tank(model_of(FEW, np.array([each.coordinate(each.prior) for each in FEW.fitted]), (0.0,), (0.0,)))
+    short = tank.swim(swim, np.zeros(4), swim.time[:4])
+    assert np.isfinite(short).all()
+
+
+def test_a_cloud_is_drawn_around_a_calibrated_fish_as_wide_as_its_errors() -> None:
+    known = around(FITTED)
+    widths = dict(zip(plausible.WIDTHS, known["prior"].widths, strict=True))
+    assert known["fish"].body.mass == 0.725
+    assert widths["drag_area"] == pytest.approx(0.5 * math.log(0.000596 / 0.000338), rel=1e-3)
+    assert widths["yaw_drag"] == plausible.WIDTHS["yaw_drag"], "no wider than without a calibration"
+    assert (widths["amplitude"], known["prior"].servo_lag) == (0.03, 0.0)
+    assert known["prior"].amplitude == pytest.approx(1.22406)
+    assert known["prior"].stiffness_width == plausible.STIFFNESS_WIDTH, "a rigid tail tells nothing of sheets"
 
 
 def test_the_beat_is_found_at_uneven_intervals() -> None:

@@ -141,6 +141,7 @@ def test_a_study_may_be_gone_on_with_by_other_patience_and_other_fish() -> None:
     assert may_differ == {
         *("trials", "failures_in_a_row", "autostart", "exit_when_done", "study_folder", "plants", "disk.minimum_free"),
         "space",  # what it says is compared, not where it lies
+        "search.fish",  # the study keeps a copy
         "search.stop_regret",
         *("timeout.find", "timeout.plant", "timeout.reply", "timeout.silence", "timeout.rest", "timeout.people"),
     }

@@ -11,7 +11,7 @@ from fin_optimizer.gait_parameters import beat_of, gait_from_parameters
 from fin_optimizer.goals import MEAN_SPEED, Goals
 from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER_PARAMETERS
 from fin_optimizer.score.mean_speed import Measurement
-from fin_optimizer.search.algorithms import Swimming, search
+from fin_optimizer.search.algorithms import FOR_FINS, Swimming, search
 from fin_optimizer.search.rules import gait_of
 from fin_optimizer.search.space import Choice, Dimension, Space
 from fin_optimizer.search.space_file import SPACE_FILE, read_space
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from fin_plant.gait import Gait
     from fin_plant.parameters import Value
 
+FISH_FILE = "fish.yaml"
+"""In a study's folder: its copy of the fish that a cloud is drawn around."""
 _LENGTH = "fin.length"
 _SHORT_FORM = tuple(
     name for name in OPTIMIZER_PARAMETERS if name.startswith(("search.young_modulus.", "search.length."))
@@ -119,6 +121,8 @@ class StudyPlan:
             msg = "the gait moves no joint: give gait.amplitude, gait.joints.amplitude or a bias, in rad"
             raise ValueError(msg)
 
+        fish = _fish_file(values)
+        known = None if fish is None else _around(fish)
         of_speed = [measure.name for measure in goals.measures] == [MEAN_SPEED]
 
         def swum(candidate: Mapping[str, Any]) -> tuple[Fin, Gait]:
@@ -137,7 +141,7 @@ class StudyPlan:
                 values["search.population"],
                 objectives=len(goals.measures),
                 constraints=len(goals.constraints),
-                swimming=Swimming(swum, measurement.settle, measurement.duration) if of_speed else None,
+                swimming=Swimming(swum, measurement.settle, measurement.duration, known) if of_speed else None,
             ),
             fin=fin,
             gait=gait,
@@ -145,7 +149,10 @@ class StudyPlan:
             timeouts=_built(Timeouts, values, "timeout."),
             stop_regret=values["search.stop_regret"],
             settings=settings,
-            files={} if given is None else given.files,
+            files={
+                **({} if given is None else given.files),
+                **({} if fish is None else {FISH_FILE: fish.read_bytes()}),
+            },
         )
 
     @classmethod
@@ -256,6 +263,33 @@ def _space_file(values: Mapping[str, Any], joints: int) -> SpaceFile | None:
         msg = f"{beside[0]} says what is searched, and so does {path}: put it into the file, or leave the file out"
         raise ValueError(msg)
     return read_space(path, sent_parameters(values), joints)
+
+
+def _fish_file(values: Mapping[str, Any]) -> Path | None:
+    """Return the file of the fish that a cloud is drawn around, of a study that is gone on with its copy; None of none.
+
+    Raises:
+        ValueError: It is there for another search, or cannot be read.
+    """
+    path = given_path(values["search.fish"]) if values["search.fish"] else None
+    if path is not None and values["search.algorithm"] not in FOR_FINS:
+        msg = f"search.fish = {path} is for search.algorithm = cloud, not {values['search.algorithm']}"
+        raise ValueError(msg)
+    if values["study_folder"]:
+        folder = given_path(values["study_folder"])
+        if (folder / SETTINGS_FILE).exists():
+            path = folder / FISH_FILE if (folder / FISH_FILE).exists() else None
+    return path
+
+
+def _around(path: Path) -> Mapping[str, Any]:
+    from fin_optimizer.calibration.cloud_prior import around  # noqa: PLC0415  (a second, for who gives a fish)
+
+    try:
+        return around(path)
+    except OSError as error:
+        msg = f"search.fish = {path} cannot be read: {error.strerror or error}"
+        raise ValueError(msg) from error
 
 
 def _widest_gait(given: SpaceFile) -> Gait:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _SIMULATOR, _OWN, _PARAMETERS = "/**", "calibration", "ros__parameters"
 _KNOTS = {"bias": "drive.knots", "amplitude_factor": "drive.amplitude_factor", "frequency": "drive.frequency"}
+_FITTED = "fitted."
 _ROOMS = ("body.", "water.", "fin.", "reactive")
 
 
@@ -68,6 +69,11 @@ def fish_file(found: Fit, swims: Sequence[str], command: str) -> str:
         f"    {_KNOTS['bias']}: {_text(list(model.knots.bias))} # rad, commanded",
         f"    {_KNOTS['amplitude_factor']}: {_text(list(model.knots.amplitude_factor))} # at each of them",
         f"    {_KNOTS['frequency']}: {_text(list(model.knots.frequency))} # Hz, the same",
+        *(
+            f"    {_FITTED}{name}: [{low:.3g}, {high:.3g}] # one standard error either way"
+            for name, low, high in zip(found.names, found.low, found.high, strict=True)
+            if not name.startswith(_KNOTS["amplitude_factor"])
+        ),
         *(f"    # {name}{errors[name]}" for name in found.names if name.startswith(_KNOTS["amplitude_factor"])),
     ]
     return "\n".join(lines) + "\n"
@@ -93,6 +99,26 @@ def read_fish(path: Path) -> Model:
     except ValueError as error:
         msg = f"{path}: {error}"
         raise ValueError(msg) from None
+
+
+def read_errors(path: Path) -> dict[str, tuple[float, float]]:
+    """Return low and high of what a file of `fish_file` says was fitted, by name; nothing of another file.
+
+    Raises:
+        ValueError: One is no pair of numbers.
+        OSError: It cannot be read.
+    """
+    content: Any = yaml_file.read(path)
+    own = (content.get(_OWN) or {}).get(_PARAMETERS) or {} if isinstance(content, dict) else {}
+    result = {}
+    for name, pair in own.items():
+        if name.startswith(_FITTED):
+            if not isinstance(pair, list) or len(pair) != 2:  # noqa: PLR2004
+                msg = f"{path}: {name} = {pair!r} must be [low, high]"
+                raise ValueError(msg)
+            low, high = (checks.number(f"{path}: {name}", each) for each in pair)
+            result[name.removeprefix(_FITTED)] = (low, high)
+    return result
 
 
 def _number(own: Mapping[str, object], name: str, default: float) -> float:

@@ -101,10 +101,10 @@ class Tank:
         if self._fish.driven_joints != 1:
             msg = f"the fish has {self._fish.driven_joints} driven joints, a calibration knows those of one only"
             raise ValueError(msg)
-        self._steppers: dict[tuple[object, ...], dynamics.Stepper] = {}
+        self._steppers: dict[tuple[float, str], dynamics.Stepper] = {}
 
     def _stepper(self, swim: Swim, frequency: float) -> dynamics.Stepper:
-        key = (frequency, *swim.fin.items())
+        key = (frequency, repr(swim.fin))  # of which some are lists
         if key not in self._steppers:
             values = {**self.model.fish, **swim.fin}
             modulus = self.model.own[STIFFNESS_FACTOR] * cast("float", values["fin.young_modulus"])

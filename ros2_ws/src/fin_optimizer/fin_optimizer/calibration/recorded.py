@@ -42,9 +42,11 @@ def read_folder(folder: Path) -> list[Swim]:
     if not folder.is_dir():
         msg = f"{folder} is no folder: give the one that holds the swims"
         raise SwimError(msg)
-    swims = [read_csv(path) for path in sorted(folder.glob("*.csv"))]
-    if not swims or (folder / "bags").is_dir():
-        swims += [read_swim_of_bag(bag) for bag in _bags(folder)]
+    if (folder / "bags").is_dir():  # a study, whose table of trials is no swim
+        swims = [read_swim_of_bag(bag) for bag in _bags(folder)]
+    else:
+        swims = [read_csv(path) for path in sorted(folder.glob("*.csv"))]
+        swims = swims or [read_swim_of_bag(bag) for bag in _bags(folder)]
     if not swims:
         msg = f"{folder} holds no swims: neither amplitude<degrees>_bias<degrees>_<run>.csv nor bags of trials"
         raise SwimError(msg)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
@@ -27,11 +27,13 @@ class Swimming:
         swum: Returns fin and gait of a candidate.
         settle: Time from a swim's start to the window of its score, s.
         duration: Of that window, s.
+        around: What is known of the fish, as `plausible.Fins` names it; the simulator's default if None.
     """
 
     swum: Callable[[Values], tuple[Fin, Gait]]
     settle: float
     duration: float
+    around: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -129,7 +131,9 @@ def _cloud(space: Space, seed: int, constraints: int, swimming: Swimming | None)
         msg = f"search.algorithm = cloud simulates the mean speed: {needed}"
         raise ValueError(msg)
     kept = private_folder("fin_clouds")
-    return CloudSearch(space, seed, swimming.swum, swimming.duration, swimming.settle, kept=kept)
+    return CloudSearch(
+        space, seed, swimming.swum, swimming.duration, swimming.settle, kept=kept, around=swimming.around
+    )
 
 
 def _by_generations(

@@ -19,7 +19,7 @@ from fin_optimizer.search.told import Told
 from fin_plant import checks
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -61,6 +61,7 @@ class CloudSearch:
         noise: Of one trial, as a share of the speed.
         discrepancy: Of a real fish from the best of the cloud, as a share of the speed.
         fish: Of the cloud at first; 0 takes `FISH`, or as many as `MOST_SWIMS` allows.
+        around: The nominal fish and the prior, as `Fins` names them; the simulator's default if None.
         kept: Folder where the cloud's speeds are kept; nowhere if None.
 
     Raises:
@@ -76,6 +77,7 @@ class CloudSearch:
     discrepancy: float = 0.03
     fish: int = 0
     kept: Path | None = None
+    around: Mapping[str, Any] | None = None
     _clouds: dict[tuple[Any, ...], Fish] = field(default_factory=dict, repr=False, compare=False)
     _last: dict[tuple[Any, ...], tuple[Cloud, Belief]] = field(default_factory=dict, repr=False, compare=False)
 
@@ -116,7 +118,8 @@ class CloudSearch:
         if joints := {len(gait.joints) for _, gait in built} - {1}:
             msg = f"search.algorithm = cloud knows tails of one driven joint, this one has {max(joints)}: use gp"
             raise ValueError(msg)
-        return Fins(tuple(fin for fin, _ in built), tuple(gait for _, gait in built), self.duration, self.settle)
+        fins, gaits = tuple(fin for fin, _ in built), tuple(gait for _, gait in built)
+        return Fins(fins, gaits, self.duration, self.settle, **(self.around or {}))
 
     @cached_property
     def _places(self) -> Array:

@@ -71,6 +71,25 @@ KINDS: tuple[Kind, ...] = tuple(
 
 
 @dataclass(frozen=True)
+class Prior:
+    """What is believed of the fish besides the nominal one.
+
+    Attributes:
+        widths: In the order of `WIDTHS`.
+        stiffness_width: Of the factor on the modulus of each material.
+        amplitude: True over commanded amplitude, the middle one.
+        stiffness: True over nominal modulus, the middle one.
+        servo_lag: s, the middle one.
+    """
+
+    widths: tuple[float, ...] = tuple(WIDTHS.values())
+    stiffness_width: float = STIFFNESS_WIDTH
+    amplitude: float = 1.0
+    stiffness: float = 1.0
+    servo_lag: float = SERVO_LAG
+
+
+@dataclass(frozen=True)
 class Fins:
     """Fins and their gaits, for many fish to swim with.
 
@@ -80,6 +99,7 @@ class Fins:
         duration: Of the window over which the speed is a mean, s.
         settle: From a start from rest to that window, s.
         fish: The nominal fish.
+        prior: How far it may be off.
     """
 
     fins: tuple[Fin, ...]
@@ -87,6 +107,7 @@ class Fins:
     duration: float
     settle: float = 0.0
     fish: SimulatedFish = PAPER_FISH
+    prior: Prior = Prior()
 
     @property
     def materials(self) -> list[int]:
@@ -167,7 +188,8 @@ class Fish:
 
 def _speeds_of(fins: Fins, row: Array, kind: Kind) -> Array:
     segments, hinges, reactive = kind
-    widths = np.array([*WIDTHS.values(), *[STIFFNESS_WIDTH] * (len(row) - len(WIDTHS))])
+    prior = fins.prior
+    widths = np.array([*prior.widths, *[prior.stiffness_width] * (len(row) - len(WIDTHS))])
     factors = np.exp(widths * row)
     of = dict(zip(WIDTHS, factors.tolist(), strict=False))
     body, water = fins.fish.body, fins.fish.water
@@ -184,7 +206,7 @@ def _speeds_of(fins: Fins, row: Array, kind: Kind) -> Array:
         ),
         water=replace(water, normal_drag=min(water.normal_drag * of["normal_drag"], _LARGEST_NORMAL_DRAG)),
     )
-    stiffness = factors[len(WIDTHS) :]
+    stiffness = prior.stiffness * factors[len(WIDTHS) :]
     built = [
         replace(
             fin,
@@ -199,8 +221,8 @@ def _speeds_of(fins: Fins, row: Array, kind: Kind) -> Array:
     for gait in dict.fromkeys(fins.gaits):
         places = [place for place, each in enumerate(fins.gaits) if each == gait]
         rows = gait.rows()
-        lagging = np.hypot(1.0, 2.0 * math.pi * rows[:, 1] * SERVO_LAG * of["servo_lag"])
-        rows[:, 0] = np.minimum(rows[:, 0] * of["amplitude"] / lagging, math.pi)
+        lagging = np.hypot(1.0, 2.0 * math.pi * rows[:, 1] * prior.servo_lag * of["servo_lag"])
+        rows[:, 0] = np.minimum(rows[:, 0] * prior.amplitude * of["amplitude"] / lagging, math.pi)
         task = checked_task(
             fish,
             Gait.from_rows(rows),
