@@ -181,10 +181,15 @@ def test_simulated_and_measured_are_compared_by_rank() -> None:
     again = dict(enumerate([0.011, 0.013, 0.012]))
     trials = [trial(0, score=0.010), trial(1, score=0.030), trial(2, score=0.020), trial(3, score=0.005)]
     facts = StudyFacts("r", SETTINGS, trials, simulated=replace(SIMULATED, again=again, is_the_plant=False))
-    assert facts.rank_correlation == pytest.approx(1.0)
+    assert facts.transfer.rank == pytest.approx(1.0)
     assert "over 3 fins: 1.000" in section(study_page(facts), "measured").paragraphs[1]
     few = replace(facts, simulated=replace(SIMULATED, again={0: 0.01}))
-    assert few.rank_correlation is None
+    assert few.transfer.rank is None
+    # 0.011 for 0.010, 0.013 for 0.030, 0.012 for 0.020 m/s: ratios 1.1, 0.433 and 0.6.
+    assert (facts.transfer.bias, facts.transfer.error) == pytest.approx((-0.4, 0.4))
+    # Each over the middle of the two others: 1.1 / 0.517, 0.433 / 0.85, 0.6 / 0.767.
+    assert facts.transfer.error_left == pytest.approx(1.0 - 0.4333333 / 0.85)
+    assert "Simulated is 40.0% less (median)" in section(study_page(facts), "measured").paragraphs[1]
     assert "the simulator with its default fish" in section(study_page(facts), "measured").paragraphs[0]
     robot = replace(facts, simulated=replace(SIMULATED, curves={}, is_the_plant=False, swimmer="the fish of tank.yaml"))
     assert "with the fish of tank.yaml: it did not swim this study." in section(study_page(robot), "best").paragraphs[0]

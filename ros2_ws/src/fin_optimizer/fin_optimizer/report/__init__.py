@@ -9,5 +9,6 @@ space_campaign_page  of one over the space of a file
 comparison_page the page of several studies
 figures         plots, as plotly's data
 parts           what a page is made of
+transfer        how far simulated speeds carry over to measured ones, as numbers
 page            the file: `page.html.jinja` filled in, with `page.css`, `page.js` and plotly's own bundle
 """

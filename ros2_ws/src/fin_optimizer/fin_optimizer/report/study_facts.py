@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, cast
 
-import scipy
-
 from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.report.film import film_of
 from fin_optimizer.report.simulated import (
@@ -21,6 +19,7 @@ from fin_optimizer.report.simulated import (
     numbers_of,
     to_swim_again,
 )
+from fin_optimizer.report.transfer import Transfer, transfer
 from fin_optimizer.study.candidate import best_of, candidates
 from fin_optimizer.study.simulated_curve import TOLD, SimulatedFish, can_be_computed
 from fin_optimizer.trial.result import Outcome
@@ -34,9 +33,6 @@ if TYPE_CHECKING:
     from fin_optimizer.study.candidate import Candidate, TrialRecord
     from fin_optimizer.study.settings import Settings
     from fin_plant.parameters import Value
-
-_FEWEST = 3
-"""Pairs below which a rank correlation says nothing."""
 
 
 @dataclass(frozen=True)
@@ -102,12 +98,9 @@ class StudyFacts:
         return [pair for pair in found if math.isfinite(pair[1])]
 
     @cached_property
-    def rank_correlation(self) -> float | None:
-        """Spearman's rank correlation of simulated and measured speeds; None of too few, or where all are equal."""
-        simulated, measured = [pair[1] for pair in self.pairs], [pair[2] for pair in self.pairs]
-        if len(simulated) < _FEWEST or len(set(simulated)) == 1 or len(set(measured)) == 1:
-            return None
-        return float(scipy.stats.spearmanr(simulated, measured).statistic)
+    def transfer(self) -> Transfer:
+        """How simulated and measured values compare."""
+        return transfer([pair[1] for pair in self.pairs], [pair[2] for pair in self.pairs])
 
 
 def simulate(

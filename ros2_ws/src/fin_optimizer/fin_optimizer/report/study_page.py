@@ -204,22 +204,16 @@ def _best_fin(facts: StudyFacts) -> Section | None:
 def _against(facts: StudyFacts) -> Section | None:
     if not facts.pairs or facts.simulated is None:
         return None
-    correlation = facts.rank_correlation
     if facts.simulated.is_the_plant:
         said = "The simulator swam the trials through the whole graph, and again alone for this page."
     else:
         said = "Measured is what the plant swam; simulated is the simulator with "
         said += f"{facts.simulated.swimmer} and the same fin and gait."
-    found = (
-        f"Spearman's rank correlation over {counted(len(facts.pairs), 'fin')}: {correlation:.3f}."
-        if correlation is not None
-        else "There are too few fins that differ for a rank correlation."
-    )
     plot = Plot(
         figures.against(facts.simulated.measure, facts.pairs),
         "On the dashed line both are equal; bars are one standard deviation.",
     )
-    return Section("measured", "Simulated against measured", [said, found], [plot])
+    return Section("measured", "Simulated against measured", [said, facts.transfer.text], [plot])
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------
