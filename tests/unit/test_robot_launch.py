@@ -23,13 +23,20 @@ def test_it_starts_the_driver_and_the_estimator_of_the_robot_that_is_given() -> 
     assert list(declared) == ["robot_file", "port", "namespace", "params", "live", "rviz"]
     assert declared["robot_file"] is None, "without one it says so"
     context = launch.LaunchContext()
-    given = {"robot_file": "my_robot.yaml", "port": "", "namespace": "/tank_a/fish", "params": ""}
+    given = {"robot_file": "firmata", "port": "", "namespace": "/tank_a/fish", "params": ""}
     context.launch_configurations.update(given)
     nodes = file["robot"](context)
     assert [node.node_executable for node in nodes] == ["servo_driver", "velocity_estimator"]
     for node in nodes:
         node._perform_substitutions(context)
     assert [node.node_name for node in nodes] == ["/tank_a/fish/servo_driver", "/tank_a/fish/velocity_estimator"]
+
+
+def test_a_robot_file_that_cannot_be_is_refused_before_anything_starts() -> None:
+    context = launch.LaunchContext()
+    context.launch_configurations.update({"robot_file": "nonsense", "port": "", "namespace": "/fish", "params": ""})
+    with pytest.raises(ValueError, match="robot_file = nonsense: there is no such file"):
+        runpy.run_path(str(FILE))["robot"](context)
 
 
 def test_every_example_is_a_config_file_of_the_package() -> None:

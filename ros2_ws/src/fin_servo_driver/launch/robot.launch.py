@@ -14,6 +14,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from fin_plant.node_process import END_BY_SIGNAL_IS_SUCCESS
 from fin_plant.topics import NAMESPACE
+from fin_servo_driver import robot_file
 
 COMMON = {
     "namespace": LaunchConfiguration("namespace"),
@@ -23,8 +24,13 @@ COMMON = {
 
 
 def robot(context: object) -> list[Node]:
-    """Return the driver of a robot and the estimator of its velocity; the driver's end ends all."""
+    """Return the driver of a robot and the estimator of its velocity; the driver's end ends all.
+
+    Raises:
+        ValueError: There is no such robot file, or something in it is refused: the driver would say so when configured.
+    """
     given = {name: LaunchConfiguration(name).perform(context) for name in ("robot_file", "port", "params")}
+    robot_file.load(robot_file.find(given["robot_file"]))
     files = [given["params"]] if given["params"] else []
     own = {name: given[name] for name in ("robot_file", "port") if given[name]}
     driver = {"executable": "servo_driver", "name": "servo_driver", "parameters": [*files, own], "on_exit": Shutdown()}
