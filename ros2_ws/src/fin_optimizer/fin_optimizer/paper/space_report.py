@@ -14,6 +14,7 @@ from fin_optimizer.study.file_names import FRONT_FILE, IMPORTANCE_FILE, PARALLEL
 from fin_optimizer.study.importance import importances
 from fin_optimizer.study.space_drawing import Tried, draw_importance, draw_parallel, draw_slices
 from fin_optimizer.words import show_values
+from fin_plant.checks import counted
 from fin_plant.figures import empty_figure, own_style, try_to_draw
 from fin_plant.fin import Fin, ProfiledFin
 
@@ -130,7 +131,8 @@ def report(campaign: SpaceCampaign, tables: Sequence[Table]) -> str:
     goals = campaign.wanted
     count = sum(len(table["candidate"]) for table in tables)
     lacking = sum(int(np.count_nonzero(np.isnan(objectives(campaign, table)[0]))) for table in tables)
-    what = f"{campaign.algorithm}, {len(tables)} runs of {len(tables[0]['candidate'])} swims, seed {campaign.seed}"
+    runs, swims = counted(len(tables), "run"), len(tables[0]["candidate"])
+    what = f"{campaign.algorithm}, {runs} of {swims} swims, seed {campaign.seed}"
     lines = [f"{what}; {lacking} of {count} swims have no score.", ""]
     whole = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     place = best_place(campaign, whole)
@@ -199,7 +201,7 @@ def _of_goal(
     numbers = np.column_stack([columns[name][chosen] for name in space.names])
     label = f"{goal.words} ({unit})" if unit else goal.words
     tried = Tried(space.dimensions, numbers, columns[goal.name][chosen] / factor, label, goal.direction == LESS)
-    title = f"{campaign.algorithm}, {campaign.runs} {'run' if campaign.runs == 1 else 'runs'}"
+    title = f"{campaign.algorithm}, {counted(campaign.runs, 'run')}"
     wanted: dict[Path, Callable[[], None]] = {
         slices: lambda: draw_slices(slices, tried, title=title),
         parallel: lambda: draw_parallel(parallel, tried, title=title),
@@ -263,7 +265,7 @@ def _draw_outline(path: Path, campaign: SpaceCampaign, tables: Sequence[Table]) 
         else:
             axes.plot([*at, *at[::-1]], [*half, *-half[::-1]], color="0.6", lw=0.8)
     axes.set(xlabel="behind the fin's root (cm)", ylabel="height (cm)", aspect="equal")
-    axes.set_title(f"{campaign.algorithm}: best fins of {len(found)} runs")
+    axes.set_title(f"{campaign.algorithm}: best fins of {counted(len(found), 'run')}")
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False, fontsize=8, loc="center")
     figure.savefig(path)
@@ -279,7 +281,7 @@ def _draw_history(path: Path, campaign: SpaceCampaign, tables: Sequence[Table]) 
     so_far *= goal.direction / goal.shown_in[1]
     at = np.unique(np.geomspace(1, swims, 200).astype(int))
     shown = so_far[:, at - 1]
-    axes.plot(at, np.median(shown, axis=0), color="tab:blue", label=f"median of {len(tables)} runs")
+    axes.plot(at, np.median(shown, axis=0), color="tab:blue", label=f"median of {counted(len(tables), 'run')}")
     axes.fill_between(at, shown.min(axis=0), shown.max(axis=0), color="tab:blue", alpha=0.15, lw=0, label="all of them")
     axes.set(xscale="log", xlabel="swims", ylabel=f"best so far: {goal.words} ({goal.shown_in[0]})")
     axes.set_title(f"{campaign.algorithm}: how the best was found")
