@@ -133,6 +133,19 @@ def test_the_command_leaves_tables_and_pictures_and_goes_on_after_a_kill(
     assert "other settings (seed)" in capsys.readouterr().err
 
 
+def test_the_best_of_a_report_meets_the_constraints(file: Path) -> None:
+    given = small(file, "random", runs=2, goals=("mean_speed", "power"), constraints=("power <= 2 mW",))
+    tables = [
+        {name: np.full(3, 0.1) for name in run.columns}
+        | {"mean_speed": 0.01 * np.array([1.0, 2.0, 3.0]), "power": 1e-3 * np.array([1.0, 1.5, 9.0])}
+        for run in given.planned()
+    ]
+    told = space_report.report(given, tables)
+    assert "2 of 6 swims have no score or miss a constraint" in told
+    assert "best speed: 2.000 cm/s" in told
+    assert "best power: 1.000 mW" in told
+
+
 def test_results_do_not_depend_on_the_executor(file: Path, tmp_path: Path) -> None:
     given = small(file, "random", runs=3)
     (tmp_path / "runs").mkdir()

@@ -133,14 +133,15 @@ def report(campaign: SpaceCampaign, tables: Sequence[Table]) -> str:
     lacking = sum(int(np.count_nonzero(np.isnan(objectives(campaign, table)[0]))) for table in tables)
     runs, swims = counted(len(tables), "run"), len(tables[0]["candidate"])
     what = f"{campaign.algorithm}, {runs} of {swims} swims, seed {campaign.seed}"
-    lines = [f"{what}; {lacking} of {count} swims have no score.", ""]
+    lack = "have no score or miss a constraint" if goals.constraints else "have no score"
+    lines = [f"{what}; {lacking} of {count} swims {lack}.", ""]
     whole = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     place = best_place(campaign, whole)
     if place is None:
         return "\n".join([*lines, "No candidate has a score."]) + "\n"
-    for goal in goals.measures:
-        bests = [goal.direction * table[goal.name] for table in tables]
-        each = goal.direction * np.array([np.nanmax(column) for column in bests if np.isfinite(column).any()])
+    bests = [objectives(campaign, table) for table in tables]
+    for number, goal in enumerate(goals.measures):
+        each = goal.direction * np.array([np.nanmax(good[number]) for good in bests if np.isfinite(good[number]).any()])
         top = each.min() if goal.direction == LESS else each.max()
         spread = f"; of each run {goal.shown(each.mean())} +- {goal.shown(each.std())}" if len(each) > 1 else ""
         lines.append(f"* best {goal.words}: {goal.shown(top)}{spread}")
@@ -277,7 +278,7 @@ def _draw_history(path: Path, campaign: SpaceCampaign, tables: Sequence[Table]) 
     axes = figure.add_subplot()
     goal = campaign.wanted.measures[0]
     swims = min(len(table["candidate"]) for table in tables)
-    so_far = np.array([np.fmax.accumulate(goal.direction * table[goal.name][:swims]) for table in tables])
+    so_far = np.array([np.fmax.accumulate(objectives(campaign, table)[0, :swims]) for table in tables])
     so_far *= goal.direction / goal.shown_in[1]
     at = np.unique(np.geomspace(1, swims, 200).astype(int))
     shown = so_far[:, at - 1]
