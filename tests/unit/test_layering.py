@@ -32,6 +32,7 @@ ROS_MODULES = {
     "fin_optimizer.trial.observer",
     "fin_optimizer.trial.plant_client",
     "fin_optimizer.trial.recorder",
+    "fin_optimizer.trial.subscription",
     "fin_optimizer.trial.swimmer",
     "fin_plant.messages",
     "fin_plant.model_topics",

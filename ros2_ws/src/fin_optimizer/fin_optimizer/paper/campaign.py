@@ -9,19 +9,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import os
 import sys
-import threading
 import time
 import zipfile
 from collections.abc import Callable
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import as_completed
 from dataclasses import asdict, replace
 from functools import partial
-from multiprocessing import forkserver, resource_tracker
-from multiprocessing.connection import wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -30,6 +25,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from fin_optimizer.paper import comparison, experiments, figures, space_campaign, space_report
+from fin_optimizer.paper.executors import open_executor
 from fin_optimizer.paper.experiments import (
     EXPERIMENTS,
     MODEL,
@@ -54,14 +50,13 @@ from fin_optimizer.paper.space_campaign import (
 from fin_optimizer.search.algorithms import ALGORITHMS
 from fin_plant import checks, json_file
 from fin_plant.paths import given_path
-from fin_plant.start import interrupt_held_back
 from fin_sim.chain import REACTIVE_FORMS
 from fin_sim.presets import PRESETS, preset
 from fin_sim.water_settings import PRESETS as WATERS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from concurrent.futures import Future
+    from collections.abc import Mapping, Sequence
+    from concurrent.futures import Executor
 
     from fin_optimizer.paper.experiments import Table
 
@@ -211,67 +206,6 @@ def collect(folder: Path, results: Mapping[Run, Table]) -> None:
         shown = ",".join(f"{best[name]:.9g}" for name in ("speed", "young_modulus", "length", "height"))
         lines.append(f"{run.experiment},{run.number},{run.seed},{len(results[run]['speed'])},{shown}")
     write_whole(folder / "runs.csv", lambda path: path.write_text("\n".join(lines) + "\n", encoding="utf-8"))
-
-
-def _end_with_parent() -> None:
-    """End this worker when the campaign is gone: a killed one cannot tell its workers to."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-
-        def watch() -> None:
-            wait([parent.sentinel])
-            os._exit(1)
-
-        threading.Thread(target=watch, daemon=True).start()
-
-
-class _Processes(ProcessPoolExecutor):
-    """Worker processes that Ctrl-C finds either not begun or known, so that all of them can be ended."""
-
-    def submit(self, *arguments: Any, **named: Any) -> Future[Any]:
-        """Start what is submitted, and a worker for it where one is missing."""
-        with interrupt_held_back():
-            return super().submit(*arguments, **named)
-
-
-@contextmanager
-def open_executor(workers: int, dask: str | None) -> Iterator[Executor]:
-    """Yield where the runs are carried out: processes of this machine, or a Dask cluster.
-
-    Raises:
-        ValueError: No scheduler answers at the address, or dask.distributed is not installed.
-    """
-    if dask is None:
-        # Not forked from this process, which has threads: from a server that has imported the experiments once.
-        context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["fin_optimizer.paper.experiments"])
-        # Ctrl-C on a terminal reaches the server and the workers too, while they import as well: it is this process's
-        # to answer. They inherit the mask; a signal that comes meanwhile reaches this process behind it. The tracker
-        # of resources, which is started too, would lift the mask again.
-        resource_tracker.ensure_running()
-        with interrupt_held_back():
-            forkserver.ensure_running()
-        with _Processes(workers, mp_context=context, initializer=_end_with_parent) as pool:
-            try:
-                yield pool
-            except KeyboardInterrupt:
-                for worker in multiprocessing.active_children():
-                    worker.terminate()
-                raise
-        return
-    try:
-        with interrupt_held_back():  # one that comes while a library loads can be an ImportError
-            from distributed import Client  # noqa: PLC0415  (needed by those who have a cluster only)
-    except ImportError:
-        msg = "--dask needs the package distributed: pip install -r requirements/bench.txt"
-        raise ValueError(msg) from None
-    try:
-        client = Client(dask, timeout=10, set_as_default=False)
-    except (OSError, ValueError, TimeoutError) as error:
-        msg = f"no Dask scheduler at {dask} ({type(error).__name__}: {error}): start one with `dask scheduler`"
-        raise ValueError(msg) from None
-    with client, client.get_executor() as executor:
-        yield executor
 
 
 def compile_first(runs: Sequence[AnyRun]) -> float:

@@ -8,6 +8,7 @@ observer      takes that snapshot from the plant, the recorder and the graph
 gait_check    whether a plant swims the gait that is asked for
 plant_client  how a plant is spoken to
 recorder      listens to the plant's topics and writes its bag
+subscription  one of these topics: all that came, with the quality of service that is offered
 silence       what is said of a topic on which nothing comes
 result        how a trial ends
 """
