@@ -140,7 +140,7 @@ def speeds(fins: Fins, numbers: Array, kinds: NDArray[np.intp]) -> Array:
         kinds: As `drawn` returns them.
     """
     result = np.empty((len(kinds), len(fins.fins)))
-    with threadpool_limits(1):
+    with threadpool_limits(1), np.errstate(invalid="ignore", over="ignore"):  # of swims that diverge
         for fish, (row, kind) in enumerate(zip(numbers, kinds, strict=True)):
             result[fish] = _speeds_of(fins, row, KINDS[kind])
     return result
