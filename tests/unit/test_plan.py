@@ -23,6 +23,7 @@ from fin_optimizer.study.settings import Policy
 from fin_optimizer.trial.phases import Timeouts
 from fin_plant.fin import Fin
 from fin_plant.gait import Gait, JointDrive
+from fin_plant.paths import config_folder
 from support.old_studies import take_off_check_sums
 
 if TYPE_CHECKING:
@@ -213,6 +214,26 @@ def test_a_cloud_of_fish_swims_each_candidate_as_a_trial_does(tmp_path: Path) ->
     fin, gait = made.swum({"fin.young_modulus": 1e9, "fin.length": 0.1})
     assert [fin.young_modulus, fin.length, fin.height] == pytest.approx([1e9, 0.1, 0.08 * 0.025 / 0.1])
     assert gait == Gait((JointDrive(0.2, 0.9),))
+
+
+def test_a_cloud_is_drawn_around_the_studys_copy_of_its_fish(tmp_path: Path) -> None:
+    fitted = (config_folder("fin_optimizer") / "fitted_tail_actuated_fish.yaml").read_text(encoding="utf-8")
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(fitted, encoding="utf-8")
+    asked: dict[str, object] = {"search.algorithm": "cloud", "search.fish": str(mine)}
+    begun = plan(tmp_path / "study", **asked)
+    begun.study().close()
+    mine.write_text(fitted.replace("body.mass: 0.725", "body.mass: 0.9"), encoding="utf-8")
+    again = plan(tmp_path / "study", **asked).search
+    assert isinstance(begun.search, CloudSearch)
+    assert isinstance(again, CloudSearch)
+    assert again.around == begun.search.around
+    assert again.around is not None
+    assert again.around["fish"].body.mass == 0.725
+    with pytest.raises(ValueError, match=r"search.fish = .* cannot be read"):
+        plan(tmp_path / "other", **{**asked, "search.fish": str(tmp_path / "none.yaml")})
+    with pytest.raises(ValueError, match=r"is for search.algorithm = cloud, not gp"):
+        plan(tmp_path / "other", **{**asked, "search.algorithm": "gp"})
 
 
 GAITS = """
