@@ -81,6 +81,7 @@ class Optimizer:
         self._mode = Mode.RUNNING if self._plan.autostart else Mode.HOLDING
         self._exit_code: int | None = None
         self._failures_in_a_row = 0
+        self._simulates = False
         self._health_due = self._show_due = 0.0
         self._start_at = clock() + _DISCOVERY
         self._metadata = self._study_metadata()
@@ -261,6 +262,9 @@ class Optimizer:
             return None
         done = search.prepare(self._study.history)
         if done < 1.0:
+            if not self._simulates:
+                self._display.say("simulating a cloud of fish with every fin first: some minutes, once for these fins")
+            self._simulates = True
             self._display.show("simulating", f"{done:.0%} of the cloud of fish")
             return 0.0
         if not self._knows_enough(search):

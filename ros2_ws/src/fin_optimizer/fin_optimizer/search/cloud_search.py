@@ -35,10 +35,10 @@ MOST_FINS = 240
 FISH = 10_000
 """Of the cloud at first, where that is no more than `MOST_SWIMS`."""
 MOST_SWIMS = 600_000
-"""Of the cloud at first: a minute or two of one processor, once for a stock."""
+"""Of the cloud at first: some minutes of one processor, once for a stock."""
 LEAST_FISH = 1500
 SLICE = 16
-"""Fish that swim at a time while something else waits: about a tenth of a second."""
+"""Fish that swim at a time while something else waits: some tenths of a second."""
 FRESH = 150
 """Drawn anew around the likely ones where the cloud has collapsed."""
 COLLAPSED = 1.05
