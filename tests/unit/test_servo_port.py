@@ -8,6 +8,7 @@ import os
 import pty
 import socket
 import termios
+import time
 import tty
 from typing import TYPE_CHECKING
 
@@ -183,6 +184,31 @@ def test_bytes_go_both_ways_on_a_pty(ends: tuple[int, str]) -> None:
     assert os.read(ends[0], 10) == b"\xe9\x5c\x0b"
     os.write(ends[0], b"\xf9\x02\x05")
     assert line.read(1.0) == b"\xf9\x02\x05"
+    line.close()
+
+
+def test_a_frame_that_the_port_has_taken_is_not_late_because_its_writer_is(
+    ends: tuple[int, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = os.write
+
+    def slow(descriptor: int, data: bytes) -> int:
+        taken = write(descriptor, data)
+        time.sleep(2.0 * port.WRITE_TIMEOUT)  # as a process that gets no processor
+        return taken
+
+    monkeypatch.setattr("os.write", slow)
+    line = SerialLine(ends[1], 57600)
+    line.write(b"\xe9\x5c\x0b")
+    monkeypatch.undo()
+    assert os.read(ends[0], 10) == b"\xe9\x5c\x0b"
+    line.close()
+
+
+def test_a_port_that_takes_no_more_bytes_is_stalled(ends: tuple[int, str]) -> None:
+    line = SerialLine(ends[1], 57600)
+    with pytest.raises(LineStalledError, match=r"took no bytes for 0\.05 s"):
+        line.write(bytes(100_000))  # more than a pseudo-terminal holds
     line.close()
 
 

@@ -7,6 +7,7 @@ import errno
 import grp
 import os
 import re
+import select
 import stat
 import termios
 import time
@@ -55,8 +56,8 @@ class SerialLine:
         self._longest_frame = 1
         require_port(port, schemes)
         try:
-            is_url = "://" in port
-            self._serial = serial.serial_for_url(port, do_not_open=True) if is_url else serial.Serial()
+            self._is_url = "://" in port
+            self._serial = serial.serial_for_url(port, do_not_open=True) if self._is_url else serial.Serial()
             self._serial.port = port
             self._serial.baudrate = baud
             self._serial.exclusive = True
@@ -78,12 +79,35 @@ class SerialLine:
         """
         self._longest_frame = max(self._longest_frame, len(data))
         try:
-            self._serial.write(data)
-        except serial.SerialTimeoutException as error:
-            msg = f"{self.port} took no bytes for {WRITE_TIMEOUT:g} s: is the device's buffer full, or flow control on?"
-            raise LineStalledError(msg) from error
+            taken = self._taken(data)
         except _GONE as error:
             raise LineLostError(self._lost(error)) from error
+        if not taken:
+            msg = f"{self.port} took no bytes for {WRITE_TIMEOUT:g} s: is the device's buffer full, or flow control on?"
+            raise LineStalledError(msg)
+
+    def _taken(self, data: bytes) -> bool:
+        """Write; return whether all bytes were taken in time.
+
+        Of a device not by pyserial, which calls a frame late that the port has taken whole, if it looks at the clock
+        late itself, or if the port has no room for more.
+        """
+        if self._is_url:
+            try:
+                self._serial.write(data)
+            except serial.SerialTimeoutException:
+                return False
+            return True
+        end = time.monotonic() + WRITE_TIMEOUT
+        device, rest = self._serial.fileno(), memoryview(data)
+        while rest:
+            # First asked, then timed: a port with room takes its bytes however late this process is.
+            _, ready, _ = select.select([], [device], [], max(0.0, end - time.monotonic()))
+            if not ready:
+                return False
+            with contextlib.suppress(BlockingIOError):
+                rest = rest[os.write(device, rest) :]
+        return True
 
     def read(self, timeout: float) -> bytes:
         """Return what has come, as soon as anything has; empty after ``timeout`` s.
