@@ -17,10 +17,16 @@ from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space, Val
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, Gait, sub_carangiform
 from fin_sim.batch import swim_batch
+from fin_sim.batch.lanes import lane_figures
 from fin_sim.swim import PAPER_FISH
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from fin_sim.batch.task import Task
 
 STOCK = Space((Choice("fin.young_modulus", (1.6e9, 3.3e9), "Pa"), Choice("fin.thickness", (2e-4, 3e-4, 5e-4), "m")))
 FISH, DURATION = 24, 4.0
@@ -225,6 +231,28 @@ def test_speeds_of_plausible_fish_are_the_simulators() -> None:
         built = [replace(fin, segments=segments, hinges=hinges) for fin in fins.fins]
         swims = swim_batch(built, PAPER_FISH, lagging, DURATION, reactive=reactive)
         assert row == pytest.approx(swims.mean_forward_speed, rel=2e-3)
+
+
+def test_a_swim_that_ran_away_is_swum_in_shorter_steps_or_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    fins = plausible.Fins((Fin(), Fin(young_modulus=4e9)), (PAPER_GAIT, PAPER_GAIT), DURATION)
+    steps: list[int] = []
+    honest = lane_figures
+
+    def broken(task: Task, columns: Mapping[str, NDArray[np.generic]]) -> NDArray[np.float64]:
+        steps.append(task.steps)
+        found = honest(task, columns)
+        if len(steps) < 3:
+            found[0] *= 1e20
+        return found
+
+    kinds = np.array([0], dtype=np.intp)
+    right = plausible.speeds(fins, np.zeros((1, fins.numbers)), kinds)
+    monkeypatch.setattr(plausible, "lane_figures", broken)
+    assert plausible.speeds(fins, np.zeros((1, fins.numbers)), kinds) == pytest.approx(right, rel=2e-3)
+    assert steps == [steps[0], 4 * steps[0], 8 * steps[0]]
+    monkeypatch.setattr(plausible, "_STEP_PARTS", (1,))
+    steps.clear()
+    assert np.isnan(plausible.speeds(fins, np.zeros((1, fins.numbers)), kinds)).tolist() == [[True, False]]
 
 
 def test_a_study_that_goes_on_proposes_the_same_to_the_last_bit() -> None:

@@ -59,6 +59,8 @@ _LEAST_CENTRE = 1e-4
 _BLOCK = 5000
 """Fish with random numbers of their own, so that a larger cloud begins with the fish of a smaller one."""
 _STEP_PARTS = (1, 4, 8)
+_LENGTHS_A_BEAT = 10.0
+"""Fin lengths a beat that no fish swims: a swim whose steps were too long, though its numbers are still finite."""
 
 Kind = tuple[int, Literal["between", "midpoint"], "Reactive"]
 KINDS: tuple[Kind, ...] = tuple(
@@ -239,7 +241,9 @@ def _speeds_of(fins: Fins, row: Array, kind: Kind) -> Array:
             left = [place for place in places if np.isnan(result[place])]
             if left:
                 columns = fin_columns([built[place] for place in left])
-                result[left] = lane_figures(task.refined(parts), columns)[:, _SPEED]
+                swum = lane_figures(task.refined(parts), columns)[:, _SPEED]
+                reach = rows[-1, 1] * np.array([built[place].length for place in left])
+                result[left] = np.where(np.abs(swum) < _LENGTHS_A_BEAT * reach, swum, np.nan)
     return result
 
 
