@@ -49,7 +49,16 @@ def test_published_figure_is_met_within_a_tenth_and_a_miss_is_a_finding() -> Non
 def test_exit_code_tells_a_defect_from_a_finding(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, check: Check, code: int
 ) -> None:
-    for name in ("equations", "reference", "convergence", "paper", "measured", "measured_fins", "later_fins"):
+    for name in (
+        "equations",
+        "reference",
+        "potential_flow",
+        "convergence",
+        "paper",
+        "measured",
+        "measured_fins",
+        "later_fins",
+    ):
         monkeypatch.setattr(f"fin_sim.validation.{name}.section", lambda *_: Section("Part", [check]))
     assert command.main(["--data", str(DATA), "--docs", str(tmp_path)]) == code
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fin_plant import checks
-from fin_sim.ideal_2d.errors import StrokeError
+from fin_sim.ideal_2d.errors import MassError, StrokeError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -150,8 +150,7 @@ def swim_stroke(
 
     Raises:
         ValueError: Another number of angles than joints, or a period that is not positive.
-        StrokeError: Members collide, or the net motion does not converge.
-        MassError: The mass matrix is not positive.
+        StrokeError: Members collide, the mass matrix is not positive, or the net motion does not converge.
     """
     period = checks.number("period", period, 0.0, unit="s", exclusive_minimum=True)
     if len(joints) != linkage.joints:
@@ -161,8 +160,13 @@ def swim_stroke(
 
     def moved(turn: float, angles: NDArray[np.float64], slopes: NDArray[np.float64]) -> _Moved:
         if turn not in known:
-            _refuse_collision(linkage, angles, turn * period / (2.0 * math.pi))
-            mass = matrix(angles)
+            time = turn * period / (2.0 * math.pi)
+            _refuse_collision(linkage, angles, time)
+            try:
+                mass = matrix(angles)
+            except MassError as error:
+                msg = f"at t = {time:.4g} s of the stroke {error}"
+                raise StrokeError(msg) from error
             base = -np.linalg.solve(mass[:3, :3], mass[:3, 3:] @ slopes)
             whole = np.concatenate([base, slopes])
             known[turn] = base, float(0.5 * whole @ mass @ whole)

@@ -8,7 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_plant.paths import given_path
-from fin_sim.validation import convergence, equations, later_fins, measured, measured_fins, paper, reference
+from fin_sim.validation import (
+    convergence,
+    equations,
+    later_fins,
+    measured,
+    measured_fins,
+    paper,
+    potential_flow,
+    reference,
+)
 from fin_sim.validation.page import render
 
 if TYPE_CHECKING:
@@ -36,6 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parts = (
         ("closed forms", equations.section),
         ("reference cases", lambda: reference.section(options.data / "cases")),
+        ("potential flow", lambda: potential_flow.section(options.data / "potential_flow")),
         ("convergence", lambda: convergence.section(figures)),
         ("the papers' curves", lambda: paper.section(options.data, figures)),
         ("measured fins", lambda: measured_fins.section(figures)),

@@ -228,12 +228,16 @@ _AS_MEASURED = f"composites as measured, {1e-6 * COMPOSITE:g} MPa"
 def _readings(fish: Fish) -> dict[str, tuple[Callable[[LaterFin], Fin], Fish]]:
     """Return what the fins and their fish may have been, by name: the fin that each makes, and the fish."""
     plates = replace(fish, water=replace(fish.water, oscillating_drag=PLATE_DRAG))
+    deep = replace(fish, water=replace(fish.water, model="surface_3d"))
+    scaled = replace(fish, water=replace(deep.water, tip_term="scaled"))
     draggy = replace(fish, body=replace(fish.body, drag_area=2.0 * fish.body.drag_area))
     return {
         _AS_MEASURED: (as_composite, fish),
         "the same, C_N by amplitude": (as_composite, plates),
         "the same, twice the drag area": (as_composite, draggy),
         f"the same, by a motor of {1e6 * TORQUE:g} uN m that overshoots": (as_composite, replace(fish, motor=_MOTOR)),
+        "the same, `surface_3d`": (as_composite, deep),
+        "the same, `surface_3d`, scaled tip term": (as_composite, scaled),
         "E of 10 MPa": (lambda of: _fin(of, 10e6), fish),
         "E of 3 MPa": (lambda of: _fin(of, 3e6), fish),
         "sheet of the printed K, l the fin's length": (as_sheet, fish),

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from fin_sim.water_settings import Model, TipTerm
+
 FIGURE = "validation_measured_swims.png"
 TRAINING_AMPLITUDE = 25
 """Degrees. The nine swims of this amplitude are fitted; those of 15 and 30 degrees are predicted."""
@@ -88,11 +90,15 @@ class Assumed:
         tail_length: m.
         amplitude_factor: The tail's true amplitude over the commanded one.
         normal_drag: C_N of the tail's resistive force.
+        model: Of the water's kinetic energy.
+        tip_term: In three dimensions, what leaves at the trailing edge.
     """
 
     tail_length: float = 0.071
     amplitude_factor: float = 1.0
     normal_drag: float = 1.0
+    model: Model = "strip"
+    tip_term: TipTerm = "strip"
 
 
 _ASSUMED = Assumed()
@@ -101,6 +107,8 @@ _OTHER_ASSUMPTIONS = {
     "tail of 9 cm": Assumed(tail_length=0.09),
     "C_N = 0": Assumed(normal_drag=0.0),
     "C_N = 3": Assumed(normal_drag=3.0),
+    "`surface_3d`": Assumed(model="surface_3d"),
+    "`surface_3d`, scaled tip term": Assumed(model="surface_3d", tip_term="scaled"),
 }
 
 
@@ -224,7 +232,8 @@ def predict(numbers: NDArray[np.float64], swim: Measured, assumed: Assumed = _AS
     """
     drag_area, lift_area, yaw_drag = np.exp(numbers[:3])
     body = Body(0.725, 0.217, 0.7888, 2.66e-3, 7.93e-4, drag_area, lift_area, yaw_drag, 0.105)
-    chain = Chain(body, (Link(assumed.tail_length, 0.04, 0.04),), (True,), Water(1000.0, assumed.normal_drag))
+    water = Water(1000.0, assumed.normal_drag, model=assumed.model, tip_term=assumed.tip_term)
+    chain = Chain(body, (Link(assumed.tail_length, 0.04, 0.04),), (True,), water)
     stepper = dynamics.Stepper(chain, _STEP, _EVERY)
     samples = max(2, round(swim.duration / stepper.sample_time))
     amplitude = assumed.amplitude_factor * math.radians(swim.amplitude)

@@ -162,7 +162,7 @@ def readings(fins: Sequence[PrintedFin], most: int | None = None) -> list[Readin
     """
     base = preset(FISH)
 
-    def water(**changes: float) -> Preset:
+    def water(**changes: float | str) -> Preset:
         return replace(base, fish=replace(base.fish, water=replace(base.fish.water, **changes)))  # type: ignore[arg-type]
 
     def loss(time: float) -> Preset:
@@ -174,6 +174,12 @@ def readings(fins: Sequence[PrintedFin], most: int | None = None) -> list[Readin
         ("C_N 0", water(normal_drag=0.0)),
         ("loss time 0.05 s", loss(0.05)),
         ("loss time 0.2 s", loss(0.2)),
+        ("`surface_3d`", water(model="surface_3d")),
+        ("`surface_3d`, scaled tip term", water(model="surface_3d", tip_term="scaled")),
+        (
+            f"`surface_3d`, C_N by amplitude, {PLATE_DRAG:g} KC^(-1/3)",
+            water(model="surface_3d", oscillating_drag=PLATE_DRAG),
+        ),
     )
     anchor = next(index for index, fin in enumerate(fins) if fin.material == ANCHOR)
     nominal, speed = float(moduli(fins)[anchor][_IN_RANGE // 2]), fins[anchor].measured

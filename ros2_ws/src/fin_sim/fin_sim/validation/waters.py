@@ -15,7 +15,6 @@ import numpy as np
 from fin_plant.figures import new_figure, own_style
 from fin_sim.batch import swim_batch
 from fin_sim.presets import preset
-from fin_sim.swim import swim
 from fin_sim.water_settings import PRESETS, Settings
 
 if TYPE_CHECKING:
@@ -32,8 +31,11 @@ WATERS = {
     "strip, no wake, drag": Settings("strip", "none", "on"),
     "paper_simulation": PRESETS["paper_simulation"],
     "soleil": PRESETS["soleil"],
+    "bht": PRESETS["bht"],
 }
-"""What swims here; of the plane flow swims of a fish have a page of their own."""
+SHAPED = tuple(name for name in WATERS if WATERS[name].drag == "on")
+"""Waters of the ridges."""
+LANDSCAPES = ("strip", "soleil", "paper_simulation")
 MODULUS, LENGTH = (1e8, 2e10), (0.04, 0.14)
 _SCALED = "surface_3d, wake, drag, scaled tip term"
 
@@ -43,7 +45,7 @@ def speeds(water: Settings, modulus: Array, length: Array | None = None, tip_ter
 
     Args:
         water: The settings.
-        modulus: E, Pa, shape (n,); without drag nothing settles, so such fins swim one by one.
+        modulus: E, Pa, shape (n,).
         length: m, shape (n,); the preset's where none is given.
         tip_term: See `Water`.
     """
@@ -52,9 +54,6 @@ def speeds(water: Settings, modulus: Array, length: Array | None = None, tip_ter
         given.fish,
         water=replace(given.fish.water, **water._asdict(), tip_term=tip_term),
     )
-    if water.drag == "off":
-        alone = [swim(replace(given.fin, young_modulus=float(each)), fish).mean_speed for each in modulus]
-        return np.array(alone)
     fins = {**vars(given.fin), "young_modulus": modulus}
     if length is not None:
         height = given.fin.area / length
@@ -82,13 +81,13 @@ def draw_speeds(path: Path, points: int) -> list[str]:
     panel = panels[0, 0]
     rows = ["| water | fastest, cm/s | at E, GPa |", "|---|---|---|"]
     for name, water in WATERS.items():
-        modulus = np.geomspace(*MODULUS, points if water.drag == "on" else points // 2 + 1)
+        modulus = np.geomspace(*MODULUS, points)
         speed = speeds(water, modulus)
-        panel.plot(1e-9 * modulus, 100.0 * speed, label=name)
+        panel.plot(1e-9 * modulus, 100.0 * speed, label=name)  # with a gap where the fin folds onto itself
         best = int(np.nanargmax(speed))
         rows.append(f"| {name} | {100.0 * speed[best]:.3g} | {1e-9 * modulus[best]:.2g} |")
-    panel.set(xscale="log", yscale="log", ylim=(1e-3, None), xlabel="E, GPa", ylabel="mean speed over 10 s, cm/s")
-    panel.legend(frameon=False, fontsize="small")
+    panel.set(xscale="log", yscale="log", ylim=(1e-3, 30.0), xlabel="E, GPa", ylabel="mean speed over 10 s, cm/s")
+    panel.legend(frameon=False, fontsize="small", loc="upper center", ncols=3)
     figure.savefig(path, dpi=120)
     return rows
 
@@ -103,9 +102,7 @@ def draw_ridges(path: Path, lengths: int, points: int) -> list[str]:
     figure, panels = new_figure(10.0, 4.5, 1, 2)
     left, right = panels[0]
     at = np.linspace(*LENGTH, lengths)
-    cases: list[tuple[str, Settings, TipTerm]] = [
-        (name, water, "strip") for name, water in WATERS.items() if name != "soleil"
-    ]
+    cases: list[tuple[str, Settings, TipTerm]] = [(name, WATERS[name], "strip") for name in SHAPED]
     cases.insert(2, (_SCALED, WATERS["surface_3d, wake, drag"], "scaled"))
     rows = ["| water | best length, cm | E, GPa | speed, cm/s |", "|---|---|---|---|"]
     for name, water, tip_term in cases:
@@ -121,11 +118,37 @@ def draw_ridges(path: Path, lengths: int, points: int) -> list[str]:
     return rows
 
 
+@own_style()
+def draw_landscapes(path: Path, lengths: int, points: int) -> list[str]:
+    """Draw speed over E and length in three waters, each with its ridge; return the rows of the table of best shapes.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    figure, panels = new_figure(11.0, 3.8, 1, len(LANDSCAPES))
+    at, modulus = np.linspace(*LENGTH, lengths), np.geomspace(*MODULUS, points)
+    rows = ["| landscape | best length, cm | E, GPa | speed, cm/s |", "|---|---|---|---|"]
+    for name, panel in zip(LANDSCAPES, panels[0], strict=True):
+        mesh, length = np.meshgrid(modulus, at)
+        speed = 100.0 * speeds(WATERS[name], mesh.ravel(), length.ravel()).reshape(mesh.shape)
+        drawn = panel.pcolormesh(1e-9 * modulus, 100.0 * at, speed, shading="nearest")
+        ridge_at = np.nanargmax(np.where(np.isnan(speed), -1.0, speed), axis=1)
+        panel.plot(1e-9 * modulus[ridge_at], 100.0 * at, color="white", marker="o", ms=2.5, lw=1.0)
+        figure.colorbar(drawn, ax=panel, label="mean speed over 10 s, cm/s")
+        panel.set(xscale="log", xlabel="E, GPa", ylabel="length, cm", title=name)
+        row, column = np.unravel_index(int(np.nanargmax(speed)), speed.shape)
+        told = f"{100.0 * at[row]:.3g} | {1e-9 * modulus[column]:.2g} | {speed[row, column]:.3g}"
+        rows.append(f"| {name} | {told} |")
+    figure.savefig(path, dpi=120)
+    return rows
+
+
 def main(folder: Path) -> None:
-    """Draw both figures into a folder and print their tables."""
+    """Draw the figures into a folder and print their tables."""
     tables = (
         draw_speeds(folder / "water_speed.png", 41),
         draw_ridges(folder / "water_ridges.png", 21, 41),
+        draw_landscapes(folder / "water_landscapes.png", 21, 41),
     )
     for rows in tables:
         sys.stdout.write("\n".join(rows) + "\n\n")
