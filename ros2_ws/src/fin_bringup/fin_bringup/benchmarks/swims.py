@@ -42,7 +42,9 @@ def methods(sizes: Sizes) -> list[dict[str, Any]]:
     return rows
 
 
-_PRESETS = (PRESETS["paper_simulation"], PRESETS["soleil"])
+_PRESETS = (PRESETS["paper_simulation"], PRESETS["soleil"], PRESETS["bht"])
+_BEYOND_RESONANCE = replace(PAPER.fin, young_modulus=3e9)
+"""For the plane flow, in which the preset's own fin folds onto itself."""
 WATERS = (Settings("strip", "lighthill", "on"), Settings("surface_3d", "lighthill", "on"), *_PRESETS)
 _IN_A_WATER = 256
 
@@ -60,7 +62,8 @@ def waters(sizes: Sizes) -> list[dict[str, Any]]:
         if settings.drag == "on":  # without, hardly a swim settles in lanes
             many = partial(swim_batch, columns, fish, reactive=PAPER.reactive, threads=1)
             row["core_ms"] = core_time(many, sizes.repeats) / _IN_A_WATER * 1e3
-        alone = partial(swim, PAPER.fin, fish, duration=DURATION, reactive=PAPER.reactive)
+        fin = _BEYOND_RESONANCE if settings.model == "ideal_2d" else PAPER.fin
+        alone = partial(swim, fin, fish, duration=DURATION, reactive=PAPER.reactive)
         row["alone_ms"] = core_time(alone, sizes.repeats) * 1e3
         rows.append(row)
     return rows
