@@ -44,7 +44,7 @@ def methods(sizes: Sizes) -> list[dict[str, Any]]:
 
 _PRESETS = (PRESETS["paper_simulation"], PRESETS["soleil"], PRESETS["bht"])
 _BEYOND_RESONANCE = replace(PAPER.fin, young_modulus=3e9)
-"""For the plane flow, in which the preset's own fin folds onto itself."""
+"""For the plane flow, in which the preset's own fin folds too far."""
 WATERS = (Settings("strip", "lighthill", "on"), Settings("surface_3d", "lighthill", "on"), *_PRESETS)
 _IN_A_WATER = 256
 

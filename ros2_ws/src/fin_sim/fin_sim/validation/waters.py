@@ -83,7 +83,7 @@ def draw_speeds(path: Path, points: int) -> list[str]:
     for name, water in WATERS.items():
         modulus = np.geomspace(*MODULUS, points)
         speed = speeds(water, modulus)
-        panel.plot(1e-9 * modulus, 100.0 * speed, label=name)  # with a gap where the fin folds onto itself
+        panel.plot(1e-9 * modulus, 100.0 * speed, label=name)  # with a gap where the fin folds too far
         best = int(np.nanargmax(speed))
         rows.append(f"| {name} | {100.0 * speed[best]:.3g} | {1e-9 * modulus[best]:.2g} |")
     panel.set(xscale="log", yscale="log", ylim=(1e-3, 30.0), xlabel="E, GPa", ylabel="mean speed over 10 s, cm/s")
