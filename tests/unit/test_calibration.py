@@ -19,12 +19,15 @@ from fin_optimizer.calibration.model import Tank, model_of
 from fin_optimizer.calibration.prediction import predict
 from fin_optimizer.calibration.recorded import read_folder, read_swim_of_bag
 from fin_optimizer.calibration.settings import GAIN_LEFT, Settings, read_settings
-from fin_optimizer.calibration.swims import Swim, SwimError, beat_frequency, read_csv, usable
+from fin_optimizer.calibration.swims import Swim, SwimError, beat_frequency, read_csv, swim_of, usable
 from fin_optimizer.commands import calibrate as calibrate_command
 from fin_optimizer.commands import predict as predict_command
 from fin_optimizer.search import plausible
+from fin_plant.fin import Fin
+from fin_plant.gait import Gait, JointDrive
 from fin_plant.paths import config_folder
 from fin_sim import swim_command
+from fin_sim.swim import swim as simulated_swim
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -363,6 +366,30 @@ def test_the_swim_of_a_bag_can_be_predicted() -> None:
     tank = Tank(model_of(FEW, np.array([each.coordinate(each.prior) for each in FEW.fitted]), (0.0,), (0.0,)))
     short = tank.swim(swim, np.zeros(4), swim.time[:4])
     assert np.isfinite(short).all()
+
+
+def test_a_flexible_fin_is_bent_where_a_record_begins() -> None:
+    """A swim from rest by the simulator, recorded from the second beat on: its own fish predicts the rest."""
+    settings = read_settings(CONFIG / "calibrate_default_fish.yaml")
+    fin, amplitude, bias = Fin(), 0.2, 0.07
+    swum = simulated_swim(fin, gait=Gait((JointDrive(amplitude, 0.9, 0.0, bias),)), duration=8.0, sample_time=0.05)
+    kept = swum.time >= 1.5
+    columns = {
+        "t": swum.time[kept],
+        "v_forward": swum.surge[kept],
+        "v_lateral": swum.sway[kept],
+        "yaw_rate": swum.yaw_rate[kept],
+        "heading": swum.heading[kept],
+        "x": swum.x[kept],
+        "y": swum.y[kept],
+    }
+    recorded = swim_of("cut", amplitude, bias, columns, 0.9, fin.as_parameters())
+    fish = np.array([each.coordinate(each.prior) for each in settings.fitted])
+    tank = Tank(model_of(settings, fish, (bias,), (0.9,)))
+    found = judged.errors(recorded, predict(tank, recorded))
+    assert found.speed < 0.01, "0.03 with a fin that is straight where the record begins"
+    assert found.turning_rate is not None
+    assert found.turning_rate < 0.05, "0.14"
 
 
 def test_a_cloud_is_drawn_around_a_calibrated_fish_as_wide_as_its_errors() -> None:

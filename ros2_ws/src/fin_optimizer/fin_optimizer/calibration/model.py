@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+_BEATS_BEFORE = 2.0
+_STATES_OF_A_RIGID_TAIL = 2  # its angle and rate
 _STEPS_A_BEAT, _STEPS_A_BEAT_OF_A_FLEXIBLE_FIN = 50.0, 250.0
 
 
@@ -126,20 +128,22 @@ class Tank:
             Shape (T, 6): x, y, heading from 0, forward and sideways velocity, yaw rate. NaN from a moment on at which
             the computation broke off.
         """
-        factor, frequency = self.model.knots.at(swim.bias)
+        frequency = self.model.knots.at(swim.bias)[1]
         if swim.frequency_commanded or not frequency:
             frequency = swim.frequency
         stepper = self._stepper(swim, frequency)
         samples = int(times[-1] / stepper.step) + 1
-        amplitude, turning = factor * swim.amplitude, 2.0 * math.pi * frequency
-        angle = turning * stepper.half_step_times(samples) + start[3]
-        sine, cosine = amplitude * np.sin(angle), amplitude * np.cos(angle)
-        motion = np.empty((len(angle), 1, 3))
-        motion[:, 0, 0] = self.model.true_bias(swim.bias) + sine
-        motion[:, 0, 1], motion[:, 0, 2] = turning * cosine, -turning * turning * sine
         state = stepper.start()
-        state[dynamics.SURGE : dynamics.YAW_RATE + 1] = start[:3]
+        body = slice(dynamics.SURGE, dynamics.YAW_RATE + 1)
         try:
+            if len(state) > dynamics.BODY_STATES + _STATES_OF_A_RIGID_TAIL:
+                # Nobody records how a fin is bent: as after some beats of this gait at this speed.
+                earlier = round(_BEATS_BEFORE / frequency / stepper.step)
+                state[body] = start[:3]
+                stepper.advance(state, self._motion(swim, frequency, stepper.half_step_times(earlier), start[3]))
+                state[: dynamics.BODY_STATES] = 0.0
+            state[body] = start[:3]
+            motion = self._motion(swim, frequency, stepper.half_step_times(samples), start[3])
             states, _ = stepper.advance(state, motion)
         except dynamics.StepError:
             return np.full((len(times), dynamics.BODY_STATES), np.nan)
@@ -149,3 +153,10 @@ class Tank:
         kept = states[:, : dynamics.BODY_STATES]
         result: Array = (1.0 - part) * kept[before] + part * kept[before + 1]
         return result
+
+    def _motion(self, swim: Swim, frequency: float, times: Array, phase: float) -> Array:
+        """Return angle, rate and acceleration of the driven joint, shape (T, 1, 3); as whole beats before."""
+        amplitude, turning = self.model.knots.at(swim.bias)[0] * swim.amplitude, 2.0 * math.pi * frequency
+        sine, cosine = (amplitude * wave(turning * times + phase) for wave in (np.sin, np.cos))
+        motion = np.stack((self.model.true_bias(swim.bias) + sine, turning * cosine, -turning * turning * sine), axis=1)
+        return motion[:, None, :]
