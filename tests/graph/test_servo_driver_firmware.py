@@ -262,7 +262,7 @@ def test_the_pulses_are_those_commanded_within_two_microseconds(
     check_sinusoid(
         [s for s, kept in zip(samples, steady, strict=True) if kept and seconds_after(samples[0], s) > RAMPED]
     )
-    commanded = np.array([1500.0 + UNITS_PER_RADIAN * sample.position[0] for sample in samples])
+    commanded = np.array([1500.0 - UNITS_PER_RADIAN * sample.position[0] for sample in samples])
     check_frames(
         np.array([frame for _, frame in commands]), commanded, int(client.diagnostic("dropped_set_points") or 0)
     )
