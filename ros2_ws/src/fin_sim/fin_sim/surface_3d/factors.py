@@ -50,7 +50,8 @@ def rectangle_factors(ratio: Array, bounds: Array) -> Array:
     """
     series = _rectangles()(np.log(np.clip(ratio, *RATIOS)))
     weights = _weights(tuple(bounds.tolist()), series.shape[-1])
-    return np.asarray(series @ weights.T).reshape(len(series), len(bounds) - 1, 3)
+    # Not by the linear algebra's own threads, one of which would spin on the other core for the rest of the batch.
+    return np.asarray(np.einsum("ns,ws->nw", series, weights)).reshape(len(series), len(bounds) - 1, 3)
 
 
 @lru_cache(maxsize=256)
