@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _BEATS_BEFORE = 2.0
-_STATES_OF_A_RIGID_TAIL = 2  # its angle and rate
 _STEPS_A_BEAT, _STEPS_A_BEAT_OF_A_FLEXIBLE_FIN = 50.0, 250.0
 
 
@@ -136,7 +135,7 @@ class Tank:
         state = stepper.start()
         body = slice(dynamics.SURGE, dynamics.YAW_RATE + 1)
         try:
-            if len(state) > dynamics.BODY_STATES + _STATES_OF_A_RIGID_TAIL:
+            if len(stepper.chain.links) > 1:
                 # Nobody records how a fin is bent: as after some beats of this gait at this speed.
                 earlier = round(_BEATS_BEFORE / frequency / stepper.step)
                 state[body] = start[:3]

@@ -73,7 +73,7 @@ class Deviation:
     def drawn(cls, seed: int) -> Deviation:
         """Return a deviation that nobody has chosen: each number off by its own width, the same for a seed."""
         random = np.random.default_rng(seed)
-        middle = {"servo_lag": 0.03}
+        middle = {"servo_lag": cls.servo_lag}
         factors = {
             name: float(np.exp(np.clip(random.standard_normal(), -2.0, 2.0) * width))
             for name, width in HIDDEN_WIDTHS.items()

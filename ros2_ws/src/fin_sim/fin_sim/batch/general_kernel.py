@@ -39,8 +39,7 @@ def _general_figures(task: Task, gait: Gait, fin: Fin, steps: int) -> NDArray[np
     except StepError:
         return np.full(len(FIGURES), np.nan)
     samples = len(swum.time)
-    begin = float(task.begins(gait.rows()[None])[0])
-    weights = window_weights(samples, begin / task.duration * (samples - 1))
+    weights = window_weights(samples, task.begin(gait) / task.duration * (samples - 1))
     forward = np.stack((np.cos(swum.heading), np.sin(swum.heading)), axis=1)
     has_motor = chain.motor is not None
     driven = swum.joint_torques[swum.time >= task.ramp_time][:, np.array(chain.driven)]

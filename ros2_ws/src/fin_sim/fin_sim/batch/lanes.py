@@ -36,7 +36,7 @@ def _shared(task: Task) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     if task.gait is None and task.whole_beats:
         window = line_weights(task.steps + 1)[1:] * task.step  # each fish's sum is divided by its own window
     else:
-        begin = task.settle if task.gait is None else float(task.begins(task.gait.rows()[None])[0])
+        begin = task.settle if task.gait is None else task.begin(task.gait)
         window = window_weights(task.steps + 1, begin / task.step)[1:]
     path = task.duration * window_weights(task.steps + 1, 0.0)[1:]
     real = np.float64 if task.precision == "double" else np.float32

@@ -41,8 +41,7 @@ def _figures(task: Task, gait: Gait, fin: Fin, steps: int) -> NDArray[np.float64
     step = task.duration / steps
     chain = build_chain(task.fish, fin, reactive=task.reactive, clamp=task.clamp, tow_speed=task.tow_speed)
     swum = swim_chain(chain, gait, task.duration, ramp_time=task.ramp_time, step=step, sample_time=step, quick=True)
-    begin = float(task.begins(gait.rows()[None])[0])
-    weights = window_weights(len(swum.time), begin / task.duration * steps)
+    weights = window_weights(len(swum.time), task.begin(gait) / task.duration * steps)
     figures = {
         "mean_speed": swum.mean_speed,
         "mean_forward_speed": weights @ swum.surge,

@@ -74,6 +74,10 @@ class Task:
             return np.full(len(gaits), self.settle)
         return whole_beats(self.duration, self.settle, fastest_joints(gaits))
 
+    def begin(self, gait: Gait) -> float:
+        """Return where the window of one gait begins, s."""
+        return float(self.begins(gait.rows()[None])[0])
+
     def refined(self, factor: int) -> Task:
         """Return the same swim at a step shorter by a factor."""
         return replace(self, steps=self.steps * factor)
