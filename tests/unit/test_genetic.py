@@ -338,6 +338,24 @@ def test_where_nothing_is_left_to_find_it_begins_again_and_a_resumed_one_does_to
         assert np.array_equal(CmaEs(given, 2, population=12).propose(history[:number]), history[number].values)
 
 
+def test_each_beginning_has_a_mean_of_its_own_drawn_by_the_seed_and_its_generation() -> None:
+    """The first one's seed is the study's alone: a study of any age goes on with the candidates that it had."""
+    for generation, key in ((0, ()), (9, (9,))):
+        random = np.random.default_rng(np.random.SeedSequence(7, spawn_key=key))
+        assert CmaEs(PLANE, 7)._optimiser(generation).mean.tolist() == random.uniform(size=2).tolist()
+
+
+@pytest.mark.parametrize("space", ["PLANE", "STEPPED"])
+def test_an_optimiser_whose_numbers_are_none_is_done(space: str) -> None:
+    given = {"PLANE": PLANE, "STEPPED": STEPPED}[space]
+    sound, without_step = (CmaEs(given, 7)._optimiser() for _ in range(2))
+    getattr(without_step, "_cma", without_step)._sigma = math.nan
+    assert [cma_es._is_done(each) for each in (sound, without_step)] == [False, True]
+    if isinstance(sound, CMAwM):
+        sound._A[1] = math.inf
+        assert cma_es._is_done(sound)
+
+
 @pytest.mark.long
 @pytest.mark.filterwarnings("error")
 def test_of_whole_numbers_hundreds_of_generations_stay_numbers() -> None:

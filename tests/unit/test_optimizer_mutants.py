@@ -49,8 +49,16 @@ TESTS = {
         "test_constrained_searches.py::test_the_front_is_what_none_beats_in_every_objective",
     ],
     "search/quasi_random": ["test_spread_and_tpe.py", "test_searches.py"],
-    "search/random_search": ["test_spread_and_tpe.py", "test_searches.py"],
-    "search/tpe": ["test_spread_and_tpe.py", "test_searches.py"],
+    "search/random_search": [
+        "test_spread_and_tpe.py::test_random_candidates_are_drawn_evenly_each_by_itself",
+        "test_searches.py::test_a_seed_that_cannot_be_is_refused[random]",
+        "test_searches.py::test_a_generation_is_waited_for_and_nothing_else[random]",
+    ],
+    "search/tpe": [
+        "test_spread_and_tpe.py",
+        "test_searches.py::test_a_seed_that_cannot_be_is_refused[tpe]",
+        "test_searches.py::test_a_generation_is_waited_for_and_nothing_else[tpe]",
+    ],
     "search/cma_es": ["test_genetic.py", "test_space.py"],
     "plan": [
         "test_plan.py",
@@ -155,6 +163,7 @@ EQUIVALENT = {
         ),
     },
     "search/cma_es": {
+        "propose: True -> False": "what is shown and what was drawn come in pairs",
         "_tell: True -> False": "that there are as many scores as candidates was checked above",
         "_tell: 0.0 -> 1.0": "without any score all candidates are equal, whatever they count as",
     },

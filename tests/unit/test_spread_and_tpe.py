@@ -129,6 +129,24 @@ def test_a_candidate_is_the_one_that_optuna_proposes_after_the_same_trials(
     assert [found["x"], found["y"]] == pytest.approx([expected["x"], expected["y"]], rel=1e-12)
 
 
+@pytest.mark.parametrize("limited", [False, True])
+def test_where_nothing_has_a_score_what_failed_is_told_from_what_swims_as_optuna_does(limited: bool) -> None:
+    spread_out = spread(QuasiRandom(MIXED, 3), 30)
+    history = [Evaluation(entry.values, None, pending=number % 2 == 0) for number, entry in enumerate(spread_out)]
+    seed = int(generator(7, 30).integers(2**32))
+    found = Tpe(MIXED, 7, 1, 2 * limited).propose(history)
+    expected = by_optuna(history, seed, several=False, limited=limited)
+    assert [found["x"], found["y"]] == pytest.approx([expected["x"], expected["y"]], rel=1e-12)
+
+
+def test_trials_are_told_by_their_state_and_all_of_them_if_none_is_named() -> None:
+    state = optuna.trial.TrialState
+    history = tpe._History([optuna.study.StudyDirection.MAXIMIZE])
+    history.trials = [optuna.trial.create_trial(state=each) for each in (state.PRUNED, state.RUNNING, state.PRUNED)]
+    assert history.get_all_trials(0, states=(state.PRUNED,)) == [history.trials[0], history.trials[2]]
+    assert history.get_all_trials(0) == history.trials
+
+
 def test_a_copy_has_the_same_objectives() -> None:
     history = [Evaluation(e.values, float(e.values["x"]), (-1.0,), (0.5,)) for e in spread(QuasiRandom(MIXED, 3), 12)]
     both = Tpe(MIXED, 7, 2, 1)
