@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +18,7 @@ UNITS = {
     "fin.profile_height[1]": "m",
     "fin.area": "m^2",
     "fin.segments": "",
+    "fin.mass": "kg",
     "gait.frequency": "Hz",
     "servo.rate": "rad/s",
 }
@@ -25,6 +28,7 @@ NUMBERS = {
     "fin.profile_height[1]": 0.02,
     "fin.area": 2e-3,
     "fin.segments": 3.0,
+    "fin.mass": 2e-3,
     "gait.frequency": 1.0,
     "servo.rate": 1.0,
 }
@@ -48,6 +52,12 @@ def refusal(text: str) -> str:
         "-fin.length < 0.5 * abs(fin.height)",
         "fin.segments > 2.5",
         "1 / fin.length <= 12.6 m^-1",
+        "109 mm < fin.length + fin.height < 111 mm",
+        "1.9 g < sqrt(fin.mass ** 2) < 2.1 g",
+        "0.9 Hz^3 < sqrt(gait.frequency ** 6) < 1.1 Hz^3",
+        "6560 < fin.segments ** 8 < 6562",
+        "fin.segments > " + "-" * 484 + "1",
+        "fin.segments < " + "1+" * 242 + "1",
     ],
 )
 def test_what_holds_holds(text: str) -> None:
@@ -112,12 +122,45 @@ def test_what_does_not_hold_is_told_with_its_numbers(text: str, why: str) -> Non
         ("min(fin.length, key=1) < 1 m", "has no meaning here"),
         ("fin.length > " + "(" * 300 + "1 m" + ")" * 300, "."),
         ("fin.length > " + "1 m + " * 200 + "1 m", "must be a text of at most 500"),
+        ("fin.segments > " + "-" * 485 + "1", "must be a text of at most 500"),
+        ("zzz > 1", "zzz is not known: there are fin.length, fin.height"),
         (3, "must be a text"),
     ],
 )
 def test_what_cannot_be_read_is_refused(text: object, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Condition.parse(text, UNITS)
+
+
+def test_three_names_at_most_are_proposed() -> None:
+    with pytest.raises(ValueError, match=r"ab5 is not known: did you mean ab\d or ab\d or ab\d\?$"):
+        Condition.parse("ab5 > 1", dict.fromkeys(("ab1", "ab2", "ab3", "ab4"), ""))
+
+
+def test_a_condition_is_known_by_its_text_and_names_without_the_blanks_around() -> None:
+    read = Condition.parse("  fin.height < fin.length ", UNITS)
+    assert (read.text, read.names) == ("fin.height < fin.length", ("fin.height", "fin.length"))
+
+
+@pytest.mark.parametrize(
+    ("text", "is_arithmetic"),
+    [
+        ("-fin.length + 3 * fin.height <= 2 m / 4 - 1 cm", True),
+        ("fin.length ** 2 <= 1 m^2", False),
+        ("abs(fin.length) <= 1 m", False),
+    ],
+)
+def test_sums_products_and_quotients_alone_are_arithmetic(text: str, *, is_arithmetic: bool) -> None:
+    assert Condition.parse(text, UNITS).is_arithmetic is is_arithmetic
+
+
+def test_many_candidates_meet_it_as_each_alone_and_what_cannot_be_computed_is_not_met() -> None:
+    read = Condition.parse("2 m^-1 < 1 / fin.length <= 12.5 m^-1", UNITS)
+    lengths = np.array([0.5, 0.4, 0.08, 0.07, 0.0, math.inf, math.nan])
+    assert read.met({"fin.length": lengths}).tolist() == [False, True, True, False, False, False, False]
+    assert [read.refusal({"fin.length": float(length)}) == "" for length in lengths[:5]] == [0, 1, 1, 0, 0]
+    below = Condition.parse("1 / fin.length > 2 m^-1", UNITS)
+    assert not below.met({"fin.length": np.array([0.0])})[0]
 
 
 @given(st.text(alphabet="fin.lengthsegments ()*+-/<>=1259e_mk[],'\"@:", max_size=60))

@@ -123,10 +123,7 @@ class _Reader:
         for sign in tree.ops:
             if type(sign) not in _COMPARISONS:
                 self._refuse("it may compare with <, <=, > and >= only; for an equality write a tie")
-        try:
-            terms = tuple(self._term(part) for part in (tree.left, *tree.comparators))
-        except RecursionError:
-            self._refuse("it is nested too deeply")
+        terms = tuple(self._term(part) for part in (tree.left, *tree.comparators))
         for one, other in pairwise(terms):
             self._same(one[0], other[0], "compares")
         if not self._names:

@@ -96,7 +96,7 @@ def _tie(name: str, entry: object, searched: Collection[str], before: Sequence[s
     free = [way for way in _WAYS[name] if way not in before and not _set_by(way, searched)]
     by = entries.get("by", free[0] if free else None)
     if by is None:
-        known = ", ".join(each for way in _WAYS[name] for each in _set_by(way, searched)) or "other ties set it"
+        known = ", ".join(each for way in _WAYS[name] for each in _set_by(way, searched))
         msg = f"tie {name} leaves nothing that could follow from it, {' or '.join(_WAYS[name])} ({known}): free one"
         raise ValueError(msg)
     if by not in _WAYS[name]:
