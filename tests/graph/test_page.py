@@ -11,11 +11,20 @@ from typing import TYPE_CHECKING, Any
 
 import aiohttp
 import pytest
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from rclpy.duration import Duration
+from rclpy.node import Node
 
+from fin_bringup.page.action_log import ActionLog
+from fin_bringup.page.graph import GraphClient
 from fin_optimizer.study.records import ASKED_FOR_AGAIN, read_trials
+from fin_plant import topics
+from fin_plant.node_process import starting_ros
 from fin_servo_driver.emulator.devices import Firmata
 from support.page_client import PageClient, address_of
 from support.robot_client import plugged_in
+from support.waiting import PATIENCE, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable
@@ -65,7 +74,7 @@ def test_a_study_in_the_simulator_is_watched_paused_stopped_and_released(start: 
         async with two(address) as (one, other):
             await one.until(lambda: one.snapshot["plant"].get("state") == "READY", "a plant")
             await one.press("start")
-            await one.until(lambda: one.snapshot["study"]["scored"], "a score")
+            await one.until(lambda: "best " in one.snapshot["study"]["text"], "a score")
             await one.until(lambda: one.newest.get("search", {}).get("trials", 0) > 1, "two scores")
             await one.until(lambda: (one.newest.get("frame") or {}).get("speed"), "a speed")
             assert len(one.newest["frame"]["tail"]) > 2
@@ -92,6 +101,30 @@ def test_a_study_in_the_simulator_is_watched_paused_stopped_and_released(start: 
     for done in ("pressed: Start", "pressed: Pause after this trial", "pressed: EMERGENCY STOP", "released"):
         assert done in log
     assert all(len(line.split("\t")) == 3 for line in log.splitlines())
+
+
+def test_a_trial_that_ends_as_the_next_one_begins_is_on_the_page(ros_domain: int) -> None:
+    snapshots: list[dict[str, Any]] = []
+    with starting_ros():
+        teller = Node("optimizer", namespace="/fish")
+    candidate, progress = (
+        teller.create_publisher(topic.type, topic.name, topic.qos) for topic in (topics.CANDIDATE, topics.PROGRESS)
+    )
+    page = GraphClient("/fish", "session", ActionLog(print), snapshots.append, lambda: None)
+    try:
+        wait_until(lambda: candidate.get_subscription_count() and progress.get_subscription_count(), PATIENCE, "a page")
+        for trial in range(20):
+            for outcome in ("RUNNING", "FAILED"):
+                values = [KeyValue(key="trial", value=str(trial)), KeyValue(key="outcome", value=outcome)]
+                candidate.publish(DiagnosticStatus(values=values))
+                assert candidate.wait_for_all_acked(Duration(seconds=10))
+        page.start()
+        page.submit(page.join, 1)
+        wait_until(lambda: any(each.get("trials") == 20 for each in snapshots), PATIENCE, "20 trials")
+    finally:
+        page.close()
+        teller.destroy_node()
+        rclpy.try_shutdown()
 
 
 def test_a_person_leads_a_robot_to_ready_on_a_page_and_an_old_page_does_not(start: Start, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fin_bringup.page import offers
 from fin_bringup.page.access import Access, is_here
 from fin_bringup.page.action_log import LOG_FILE, ActionLog, line
-from fin_bringup.page.board import SILENT, STREAM_SILENT, Board, Stop, as_json, ended
+from fin_bringup.page.board import MISSED, SILENT, STREAM_SILENT, Board, Missed, Stop, as_json, ended
 from fin_bringup.page.fish_shape import Piece, Shape, Speedometer, from_joints, from_pieces
 from fin_bringup.page.offers import Guard, of_plant, of_study
 from fin_optimizer.mode import Mode
@@ -129,13 +129,62 @@ def test_trials_are_kept_by_number_and_a_study_without_a_score_says_so(board: Bo
     board.trial_is({"trial": "0", "outcome": "FAILED", "reason": "no velocity"}, "trial 0000", 0.0)
     assert board.search()["scores"] == [(0, None, False)]
     told = json.loads(as_json(board.snapshot(0.0)))
-    assert told["study"]["scored"] is False
     assert told["trial"]["reason"] == "no velocity"
     board.trial_is({"trial": "1", "outcome": "OK", "score [m/s]": "0.0266"}, "trial 0001", 0.0)
     assert board.search()["scores"] == [(0, None, False), (1, pytest.approx(2.66), True)]
     assert board.search()["best"] == [None, pytest.approx(2.66)]
     assert board.search()["label"] == "mean forward speed (cm/s)"
     assert json.loads(as_json(board.snapshot(0.0)))["trial"]["score"] == "2.660 cm/s"
+
+
+def test_why_a_trial_has_no_score_is_told_beside_the_next_one_and_not_twice(board: Board) -> None:
+    def unscored() -> object:
+        return json.loads(as_json(board.snapshot(0.0)))["trial"]["unscored"]
+
+    board.trial_is({"trial": "0", "outcome": "FAILED", "reason": "no velocity"}, "trial 0000: E 2 GPa", 0.0)
+    assert unscored() == ""
+    board.trial_is({"trial": "1", "outcome": "RUNNING"}, "trial 0001: E 3 GPa", 0.0)
+    assert unscored() == "trial 0000: E 2 GPa failed: no velocity"
+    board.trial_is({"trial": "1", "outcome": "OK", "score [m/s]": "0.02"}, "trial 0001: E 3 GPa", 0.0)
+    assert unscored() == "trial 0000: E 2 GPa failed: no velocity"
+    board.study_is(progress(folder="/runs/other"), "", 1.0)
+    assert unscored() == ""
+
+
+@pytest.mark.parametrize(("trials", "button"), [("0", "Start"), ("3", "Go on")])
+def test_a_study_that_holds_names_the_button_that_it_waits_for(board: Board, trials: str, button: str) -> None:
+    board.study_is(progress(Mode.HOLDING, trials=trials), "", 0.0)
+    told = json.loads(as_json(board.snapshot(0.0)))
+    assert told["study"]["mode"] == f"stands still: press {button}"
+    assert button in {offer["label"] for offer in told["offers"]}
+
+
+def test_a_simulated_fish_that_stopped_has_no_cable_to_check(board: Board) -> None:
+    reason = "a joint has folded; call ~/request_reset"
+    board.plant_is(PlantState(State.FAULT, "simulator", 1, reason), 0.0)
+    told = json.loads(as_json(board.snapshot(0.0)))["plant"]
+    assert "cable" not in told["advice"]
+    assert told["reason"] == reason
+
+
+def test_trials_before_the_page_are_read_at_once_and_what_is_missed_later_after_a_while() -> None:
+    missed = Missed()
+    assert missed.due("/runs/study", 3, 0.0)
+    assert not missed.due("/runs/study", 4, 100.0)  # it is being read
+    missed.were_read(1)
+    assert not missed.due("/runs/study", 1, 100.0)  # of which nothing is known there
+    assert not missed.due("/runs/study", 2, 101.0)
+    assert not missed.due("/runs/study", 1, 104.0)  # its word came
+    assert not missed.due("/runs/study", 2, 104.0 + 0.9 * MISSED)
+    assert missed.due("/runs/study", 2, 104.0 + MISSED)
+    assert not missed.due("/runs/other", 0, 200.0)
+    assert missed.due("/runs/third", 1, 200.0)
+
+
+def test_a_study_of_no_or_one_trial_lacks_none(board: Board) -> None:
+    for trials, lacking in (("", 0), ("0", 0), ("1", 0), ("2", 1), ("5", 4)):
+        board.study_is(progress(trials=trials), "", 0.0)
+        assert board.lacking == lacking
 
 
 def test_another_study_begins_with_no_trials(board: Board) -> None:

@@ -50,6 +50,7 @@ _WAITING = {
 EMERGENCY = "emergency stop"
 _FAULTS = (
     (EMERGENCY, "Stopped. When all is safe, {release} to release the emergency stop."),
+    ("request_reset", "The simulated fish has stopped. Nothing to do: the study's next trial puts it back to rest."),
     ("I/O thread", "The driver has failed and moves nothing any more. Look at its log, then start it anew."),
     ("", "Check cable and power; the driver reconnects by itself."),
 )

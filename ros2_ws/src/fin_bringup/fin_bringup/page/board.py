@@ -30,6 +30,8 @@ SILENT = 2.0
 """s without a word from a node after which what it said is not shown as true: one word is missing, for a second."""
 STREAM_SILENT = 1.0
 """s without anything at all after which the graph counts as lost, while the fish was seen to swim."""
+MISSED = 5.0
+"""s for which a trial has not been heard after which it is looked up in the study's folder."""
 _FLOWING = 5
 """Pictures of the fish in one state after which they are missed."""
 _EVENTS = 12
@@ -91,6 +93,32 @@ class Stop:
         return {"number": self.number, "state": state, "time": self.time, "address": self.address, "text": text}
 
 
+class Missed:
+    """When a study is read for the trials that were not heard."""
+
+    def __init__(self) -> None:
+        self._folder, self._known, self._since = "", 0.0, -math.inf
+
+    def due(self, folder: str, lacking: int, now: float) -> bool:
+        """Return whether to read a study now, of which so many trials are lacking; it then counts as being read.
+
+        What was before anybody listened is read at once. Later a trial whose word comes a moment late is not missed.
+        """
+        if folder != self._folder:
+            self._folder, self._known, self._since = folder, 0.0, -math.inf
+        if lacking <= self._known:
+            self._since = now
+            return False
+        if now - self._since < MISSED:
+            return False
+        self._known = math.inf
+        return True
+
+    def were_read(self, lacking: int) -> None:
+        """Note how many are still lacking: for those it is not read again."""
+        self._known = lacking
+
+
 class Board:
     """What is known of one fish and its study."""
 
@@ -112,6 +140,7 @@ class Board:
         self._progress_text = ""
         self.candidate: Mapping[str, str] = {}
         self._candidate_text = ""
+        self._unscored = (-1, "")
         self._search: dict[int, Measured] = {}
         self.search_version = 0
         self._heard: float | None = None
@@ -139,6 +168,7 @@ class Board:
         self.study.there = True
         if values.get("folder") != self.progress.get("folder"):
             self._search, self.search_version = {}, self.search_version + 1
+            self._unscored = (-1, "")
         self.progress, self._progress_text = dict(values), text
 
     def trial_is(self, values: Mapping[str, str], text: str, now: float) -> None:
@@ -147,7 +177,11 @@ class Board:
         self.candidate, self._candidate_text = dict(values), text
         number = self.trial
         if number is not None and values.get("outcome") not in {"PROPOSED", "RUNNING"}:
-            self.trials_were({number: self._measured()})
+            measured = self._measured()
+            self.trials_were({number: measured})
+            if not measured:
+                why = ": ".join(filter(None, (values.get("outcome", "").lower(), values.get("reason", ""))))
+                self._unscored = (number, f"{text} {why}")
 
     def trials_were(self, trials: Mapping[int, Measured]) -> None:
         """Take what trials that have ended achieved, by number."""
@@ -191,6 +225,11 @@ class Board:
         return int(text) if text.isdecimal() else None
 
     @property
+    def _trials(self) -> int:
+        """How many trials have begun, as the study says."""
+        return int(_number(self.progress.get("trials")) or 0)
+
+    @property
     def goals(self) -> Goals:
         """What the study looks for, as it says."""
         return _goals(self.progress.get("objective", ""), self.progress.get("constraints", ""))
@@ -208,10 +247,9 @@ class Board:
         return self.progress.get("folder", "")
 
     @property
-    def lacks_trials(self) -> bool:
-        """Whether there are earlier trials that were not heard."""
-        ended = self.progress.get("trials", "0")
-        return ended.isdecimal() and len(self._search) + 1 < int(ended)
+    def lacking(self) -> int:
+        """How many earlier trials were not heard."""
+        return max(0, self._trials - 1 - len(self._search))
 
     def lost(self, now: float) -> bool:
         """Whether nothing is heard of the graph any more."""
@@ -229,10 +267,9 @@ class Board:
         # Only of processes that were seen: what stands for them is part of each button's key.
         state = self.state if self.plant.alive(now) and self.plant.incarnation else None
         mode = self.progress.get("mode", "") if self.study.alive(now) and self.study.incarnation else ""
-        trials = _number(self.progress.get("trials")) or 0
         return [
             *offers.of_plant(state, f"{self._session} {self.plant.incarnation} {self._questions}"),
-            *offers.of_study(mode, self.trial, int(trials), f"{self._session} {self.study.incarnation} {self.folder}"),
+            *offers.of_study(mode, self.trial, self._trials, f"{self._session} {self.study.incarnation} {self.folder}"),
         ]
 
     def snapshot(self, now: float) -> dict[str, object]:
@@ -311,11 +348,10 @@ class Board:
             "said": _age(self.study, now),
             "known": bool(values),
             "text": self._progress_text,
-            "mode": values.get("mode", ""),
+            "mode": offers.mode_shown(values.get("mode", ""), self._trials),
             "settled": values.get("candidates_settled", ""),
             "wanted": values.get("candidates_wanted", ""),
             "folder": self.folder,
-            "scored": _number(values.get("best score [m/s]")) is not None,
         }
 
     def _trial(self, now: float, *, lost: bool) -> dict[str, object]:
@@ -329,6 +365,7 @@ class Board:
             "phase": self.progress.get("phase", "") if values.get("outcome") == "RUNNING" else "",
             "score": ", ".join([self.goals.shown(measured), *self.goals.missed(measured)]) if measured else "",
             "reason": values.get("reason", ""),
+            "unscored": self._unscored[1] if self._unscored[0] != self.trial else "",
         }
 
 

@@ -19,11 +19,11 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import Marker
 
-from fin_bringup.page.board import Board, Stop, ended
+from fin_bringup.page.board import Board, Missed, Stop, ended
 from fin_bringup.page.fish_shape import Piece, Shape, Speedometer, from_joints, from_pieces
 from fin_bringup.page.offers import PAUSE, RELEASE, REPEAT, START, Guard, Offer
 from fin_optimizer.parameters import OPTIMIZER, SIMULATOR
@@ -52,6 +52,13 @@ _SPIN = 0.05
 _STUDY_SECONDS = 5.0
 """s in which the optimiser must answer."""
 _NEWEST = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
+_EACH_TRIAL = QoSProfile(
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+)
+"""The end of a trial must not be lost to the beginning of the next one, which follows at once."""
 _STUDY_ACTIONS = (START, PAUSE, REPEAT)
 _MARKED, _MEASURED = (topics.MARKERS,), (topics.POSE, topics.JOINT_STATES, topics.VELOCITY)
 """What a simulated fish is seen by, ten times a second however fast it swims, and what a robot is."""
@@ -98,7 +105,7 @@ class GraphClient:
         self._viewers: dict[int, bool] = {}
         self._state: object = None
         self._version = -1
-        self._read = ""
+        self._folder, self._missed = "", Missed()
         self._ended = threading.Event()
         self._frame_due = self._tell_due = self._look_due = 0.0
         self._listen()
@@ -115,12 +122,12 @@ class GraphClient:
         return self._stops[plant]
 
     def _listen(self) -> None:
-        for topic, heard in (
-            (topics.DIAGNOSTICS, self._on_diagnostics),
-            (topics.PROGRESS, self._on_progress),
-            (topics.CANDIDATE, self._on_candidate),
+        for topic, heard, qos in (
+            (topics.DIAGNOSTICS, self._on_diagnostics, topics.DIAGNOSTICS.qos),
+            (topics.PROGRESS, self._on_progress, topics.PROGRESS.qos),
+            (topics.CANDIDATE, self._on_candidate, _EACH_TRIAL),
         ):
-            self.node.create_subscription(topic.type, topic.name, heard, topic.qos)
+            self.node.create_subscription(topic.type, topic.name, heard, qos)
 
     # -- the thread --------------------------------------------------------------------------------------------------
 
@@ -161,7 +168,7 @@ class GraphClient:
         self._board.device = self._driver.device
         if now >= self._look_due:
             self._look_due = now + _LOOK_PERIOD
-            self._look()
+            self._look(now)
         if self._looking and now >= self._frame_due:
             self._frame_due = now + _FRAME_PERIOD
             if frame := self._streams.frame(self._driver.state.fin if self._driver.state else {}):
@@ -183,17 +190,18 @@ class GraphClient:
             self._version = self._board.search_version
             self._tell(self._board.search())
 
-    def _look(self) -> None:
+    def _look(self, now: float) -> None:
         """See who is on the graph."""
         plants, studies = (self._processes(topic.name) for topic in (topics.PLANT_STATE, topics.PROGRESS))
         self._board.see(plants, studies, "" if plants or studies else around(look_around(self.node)))
         for plant in plants:
             self._stop_of(plant)
         self._streams.attend(listen=self._looking)
-        if (folder := self._board.folder) and folder != self._read and self._viewers:
-            self._read = folder
-            self._log.study_in(folder)
-            if self._board.lacks_trials:
+        if (folder := self._board.folder) and self._viewers:
+            if folder != self._folder:
+                self._folder = folder
+                self._log.study_in(folder)
+            if self._missed.due(folder, self._board.lacking, now):
                 threading.Thread(target=self._read_trials, args=(folder,), name="journal", daemon=True).start()
 
     def _processes(self, topic: str) -> dict[str, str]:
@@ -202,7 +210,7 @@ class GraphClient:
         return {f"{i.node_namespace.rstrip('/')}/{i.node_name}": bytes(i.endpoint_gid).hex() for i in infos}
 
     def _read_trials(self, folder: str) -> None:
-        """Read the trials that ended before this page began to listen, where the study is on this computer."""
+        """Read the trials that were not heard, where the study is on this computer."""
         from fin_optimizer.study.journal import StudyError  # noqa: PLC0415  (Optuna takes a second to load)
         from fin_optimizer.study.records import read_trials  # noqa: PLC0415
 
@@ -216,6 +224,7 @@ class GraphClient:
     def _take_trials(self, folder: str, trials: dict[int, Measured]) -> None:
         if folder == self._board.folder:
             self._board.trials_were(trials)
+            self._missed.were_read(self._board.lacking)
 
     # -- what is heard -----------------------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from fin_servo_driver.next_step import Controls, next_step, question, too_new
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-BUTTONS = Controls("press the button", "press Release", "EMERGENCY STOP")
+BUTTONS = Controls("press the button", "hold the button down", "EMERGENCY STOP")
 _LABELS = {
     "configure": "Open the port",
     "confirm_fin": "The fin is mounted",
@@ -88,6 +88,15 @@ def _may_move(state: PlantState) -> bool:
     return state.state in {State.READY, State.SWIMMING} and "waiting_for" in state.details
 
 
+def _start(trials: int) -> str:
+    return "Go on" if trials else "Start"
+
+
+def mode_shown(mode: str, trials: int) -> str:
+    """Return the mode of an optimiser, arguments as for `of_study`, in the words of a page."""
+    return f"stands still: press {_start(trials)}" if mode == Mode.HOLDING.value else mode
+
+
 def of_study(mode: str, trial: int | None, trials: int, session: str) -> list[Offer]:
     """Return the buttons of a study.
 
@@ -99,8 +108,7 @@ def of_study(mode: str, trial: int | None, trials: int, session: str) -> list[Of
     """
     offers = []
     if mode in {Mode.HOLDING.value, Mode.PAUSING.value}:
-        label = "Start" if not trials else "Go on"
-        offers.append(Offer(_key(session, START, mode), START, label, "study"))
+        offers.append(Offer(_key(session, START, mode), START, _start(trials), "study"))
     if mode == Mode.RUNNING.value:
         offers.append(Offer(_key(session, PAUSE), PAUSE, "Pause after this trial", "study"))
     if trial is not None and mode in {Mode.HOLDING.value, Mode.PAUSING.value, Mode.RUNNING.value}:

@@ -103,7 +103,7 @@ function take(told) {
     requestAnimationFrame(drawSwim);
   } else if (told.kind === "search") {
     search = told;
-    say("search-label", search.scores.length ? search.label : "");
+    say("search-label", search.scores.length ? [search.label, ...legend()].join("; ") : "");
     drawSearch();
   } else if (told.kind === "pages") {
     const others = told.pages.filter((page) => page.number !== me).map((page) => page.address);
@@ -160,8 +160,7 @@ function show() {
   say("device", Object.entries(plant.device ?? {}).map(([name, value]) => `${name} ${value}`).join(" · "));
   showTable(plant.mount);
 
-  const none = study.known && !study.scored ? " No trial has a score yet." : "";
-  say("study-text", study.known ? study.text + none : "No study is heard.");
+  say("study-text", study.known ? study.text : "No study is heard.");
   say("study-said", live.study || !study.known ? "" : "last known");
   say("mode", study.mode);
   say("folder", study.folder ? `folder ${study.folder.split("/").pop()}` : "");
@@ -169,6 +168,7 @@ function show() {
   at("settled").max = Number(study.wanted) || 1;
   at("settled").value = Number(study.settled) || 0;
   say("trial-text", trial.known ? trial.text : "No trial yet.");
+  say("unscored", trial.unscored ? `× ${trial.unscored}` : "");
   say("trial-state", [trial.phase || trial.outcome.toLowerCase(), trial.score, trial.reason].filter(Boolean).join(" · "));
 
   const offers = gone ? [] : snapshot.offers;
@@ -217,6 +217,11 @@ function showButtons(place, offers) {
     if (!wanted.delete(button.dataset.key)) button.remove();
   }
   for (const offer of wanted.values()) place.append(newButton(offer));
+  // In the order told: "Go on" comes where "Pause" was, and "Repeat" stays in its place under a finger.
+  offers.forEach(({ key }, index) => {
+    const button = [...place.children].find((each) => each.dataset.key === key);
+    if (place.children[index] !== button) place.insertBefore(button, place.children[index]);
+  });
 }
 
 function newButton(offer) {
@@ -412,6 +417,16 @@ function axis(pen, width, left, py, ticks) {
   }
 }
 
+/** What the marks of the search mean, of those that are there. */
+function legend() {
+  const scored = search.scores.filter(([, score]) => score !== null);
+  return [
+    scored.length > 1 && "line: best so far",
+    scored.some(([, , met]) => !met) && "rings miss a constraint",
+    scored.length && scored.length < search.scores.length && "×: no score",
+  ].filter(Boolean);
+}
+
 function drawSearch() {
   const { pen, width, height } = canvas("search");
   const scored = search.scores.filter(([, score]) => score !== null);
@@ -431,8 +446,7 @@ function drawSearch() {
   const px = (trial) => left + 6 + (trial - first) / (last - first) * (width - left - 12);
   const py = (value) => height - 24 - (value - low + room) / (high - low + 2 * room) * (height - 30);
   axis(pen, width, left, py, high - low > 0.2 * room ? [low, high] : [high]);
-  const misses = scored.some(([, , met]) => !met) ? "; rings miss a constraint" : "";
-  pen.fillText(`trials ${first} to ${newest}, line: best so far${misses}`, left, height - 3);
+  pen.fillText(first === newest ? `trial ${first}` : `trials ${first} to ${newest}`, left, height - 3);
   pen.strokeStyle = colour("--go");
   pen.lineWidth = 2;
   pen.beginPath();
