@@ -49,6 +49,7 @@ from fin_sim.fish_shape import description
 from fin_sim.pace import Pace
 from fin_sim.servo import Servo, TailDrive
 from fin_sim.stream_messages import STREAMS, StreamMessages
+from fin_sim.swim import longest_step
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -119,11 +120,14 @@ class Simulator:
         return self._built[1]
 
     def _suit(self, gait: Gait) -> None:
-        """Give the tail the resistive coefficients of a gait; a tail that comes to rest keeps those of its last one."""
+        """Give the tail a gait's resistive coefficients and steps that resolve it; at rest it keeps its last gait's."""
+        if not gait.moves:
+            return
         stepper = self._stepper
-        chain = stepper.chain.for_gait(gait) if gait.moves else stepper.chain
-        if chain != stepper.chain:
-            self._stepper = dynamics.stepper_of(chain, stepper.step, stepper.every)
+        longest = longest_step(gait, self._number("drive.ramp_time"))
+        chain, every = stepper.chain.for_gait(gait), max(stepper.every, math.ceil(self._sample_time / longest - 1e-9))
+        if (chain, every) != (stepper.chain, stepper.every):
+            self._stepper = dynamics.stepper_of(chain, self._sample_time / every, every)
 
     def _number(self, name: str) -> float:
         return cast("float", self._values[name])

@@ -47,7 +47,7 @@ def _default_sample_time(chain: Chain, gait: Gait, duration: float) -> float:
     return min(own, duration, 1.0 / (_SAMPLES_A_BEAT * fastest) if fastest > 0.0 else own)
 
 
-def _longest_step(gait: Gait, ramp_time: float) -> float:
+def longest_step(gait: Gait, ramp_time: float) -> float:
     """Return the longest step in s for a fast beat or a short ramp; infinite where `STEP` resolves them."""
     fastest = max(joint.frequency for joint in gait.joints)
     if fastest == 0.0:
@@ -164,7 +164,7 @@ def swim(
         StepError: The state stopped being finite.
     """
     chain = build_chain(fish, fin or Fin(), reactive=reactive, clamp=clamp, tow_speed=tow_speed)
-    step = min(step, _longest_step(gait, ramp_time))
+    step = min(step, longest_step(gait, ramp_time))
     for _ in range(_SHORTER_STEPS):
         try:
             return swim_chain(
