@@ -5,7 +5,7 @@ set -euo pipefail
 root=$(CDPATH='' cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 study=${1:?which study? Give its folder}
 browser=$(type -P chromium || type -P chromium-browser) || {
-    echo "error: there is no chromium here: apt-get install chromium" >&2
+    echo "draw_report.sh: error: there is no chromium here: apt-get install chromium" >&2
     exit 1
 }
 "$root/run" fin_optimizer report "$study"

@@ -5,7 +5,7 @@
 # Without CDPATH, with which cd prints where it went.
 fin_root=$(CDPATH='' cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
 if [[ ! -f "$fin_root/.venv/.mode" || ! -f "$fin_root/ros2_ws/install/setup.bash" ]]; then
-    echo "error: the workspace is not set up: run 'make setup' in $fin_root" >&2
+    echo "environment.sh: error: the workspace is not set up: run 'make setup' in $fin_root" >&2
     return 1
 fi
 

@@ -336,7 +336,9 @@ def test_a_study_is_not_gone_on_with_by_another_fish(start: Start, folder: Path,
     assert client.set_parameters({"body.drag_area": 2.0 * area, "speed": 10.0}).successful
     other = start_optimizer(start, folder, "trials:=2", *SHORT)
     assert other.wait(60) == 1
-    expected = f"error: the study was begun with another fish: body.drag_area is {area} there and {2.0 * area} here"
+    expected = (
+        f"optimizer: error: the study was begun with another fish: body.drag_area is {area} there and {2.0 * area} here"
+    )
     assert expected in other.output()
     assert client.set_parameters({"body.drag_area": area, "command_timeout": 4.0}).successful
     assert start_optimizer(start, folder, "trials:=2", *SHORT).wait(60) == 0
@@ -443,7 +445,10 @@ def test_the_trial_under_way_and_the_last_one_are_swum_again_when_somebody_asks(
 def test_control_without_an_optimiser_says_what_it_sees(start: Start, folder: Path) -> None:
     control = start(*CONTROL, "stop", "--namespace", "/nowhere")
     assert control.wait() == 1
-    said = "error: no optimiser found within 5 s: nobody offers service /nowhere/optimizer/stop; no other node is seen"
+    said = (
+        "control: error: no optimiser found within 5 s: nobody offers service /nowhere/optimizer/stop; "
+        "no other node is seen"
+    )
     assert said in control.output()
     start_optimizer(start, folder, "autostart:=false").wait_for_output("holding")
     again = start(*CONTROL, "stop", "--namespace", "/nowhere")
@@ -496,7 +501,7 @@ def test_a_second_optimiser_on_the_same_study_is_refused(start: Start, folder: P
     first.wait_for_output("30 fins")
     second = start_optimizer(start, folder)
     assert second.wait() == 2
-    assert f"error: another optimiser is working on {folder}" in second.output()
+    assert f"optimizer: error: another optimiser is working on {folder}" in second.output()
 
 
 @pytest.mark.parametrize(
@@ -515,7 +520,7 @@ def test_a_parameter_that_cannot_be_is_refused_at_the_start(
     extra = ("fin.length:=0.009",) if "thickness" in parameter else ()
     optimizer = start_optimizer(start, folder, parameter, *extra)
     assert optimizer.wait() == 2
-    assert f"error: {message}" in optimizer.output()
+    assert f"optimizer: error: {message}" in optimizer.output()
 
 
 def test_a_bring_up_that_is_killed_leaves_no_node_behind(start: Start, folder: Path) -> None:
@@ -538,7 +543,7 @@ def test_a_simulator_that_dies_ends_the_bring_up_and_is_named(start: Start, fold
     simulator, optimizer = sorted(children, key=lambda pid: "simulator" not in command_of(pid))
     os.kill(int(simulator), signal.SIGKILL)
     assert study.wait(30) == 1
-    assert "error: simulator was killed by SIGKILL before the study did; the last it said:" in study.output()
+    assert "bringup: error: simulator was killed by SIGKILL before the study did; the last it said:" in study.output()
     assert "kernel ready" in study.output().rpartition("the last it said:")[2]
     assert not Path(f"/proc/{optimizer}").exists()
     assert all(read_bag(bag).complete for bag in folder.glob("bags/*"))

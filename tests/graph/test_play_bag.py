@@ -155,7 +155,7 @@ def test_a_topic_that_somebody_publishes_already_is_played_only_elsewhere_or_by_
     listening.node.create_publisher(topics.PLANT_STATE.type, "/fish/plant_state", topics.PLANT_STATE.qos)
     player = start("fin_optimizer", "play_bag", str(swim), "--rate", "0", "--paused")
     assert player.wait() == 2
-    assert "error: /fish/plant_state: published already by /listener." in player.output()
+    assert "play_bag: error: /fish/plant_state: published already by /listener." in player.output()
     assert "-r /fish/plant_state:=/replay/plant_state" in player.output()
     assert "ROS_DOMAIN_ID" in player.output()
     for words in (
@@ -300,8 +300,8 @@ def test_a_bag_with_nothing_to_play_is_refused(start: Start, tmp_path: Path) -> 
     player = start("fin_optimizer", "play_bag", str(tmp_path / "b.mcap"))
     assert player.wait() == 2
     assert player.output() == (
-        f"error: bag {tmp_path} holds no message to play; left out: /camera: its type mocap4r2_msgs/msg/Markers is not "
-        "installed here\n"
+        f"play_bag: error: bag {tmp_path} holds no message to play; left out: /camera: its type "
+        "mocap4r2_msgs/msg/Markers is not installed here\n"
     )
 
 

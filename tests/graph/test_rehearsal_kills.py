@@ -38,7 +38,7 @@ def test_a_kill_on_the_robots_path_stops_everything_and_the_study_goes_on_later(
     nodes = nodes_of(study)
     os.kill(nodes[victim], signal.SIGKILL)
     assert study.wait(60) == 1
-    assert f"error: {victim} was killed by SIGKILL before the study did" in study.output()
+    assert f"bringup: error: {victim} was killed by SIGKILL before the study did" in study.output()
     assert not [name for name, node in nodes.items() if Path(f"/proc/{node}").exists()], "something may still move"
     finished, interrupted = read_trials(folder)
     assert finished.outcome is Outcome.OK

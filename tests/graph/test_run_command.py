@@ -146,19 +146,21 @@ USERS_OF_ROS = {
 def test_a_start_that_ros_refuses_ends_with_one_line_and_exit_code_2(package: str, executable: str) -> None:
     # Fast DDS itself ends the process there, with its own words and exit code 1.
     result = run(package, executable, *USERS_OF_ROS[executable], environment={"ROS_DOMAIN_ID": "300"})
-    assert result.stderr == "error: ROS_DOMAIN_ID=300 must be a whole number from 0 to 232: change or unset it\n"
+    assert result.stderr == (
+        f"{executable}: error: ROS_DOMAIN_ID=300 must be a whole number from 0 to 232: change or unset it\n"
+    )
     assert (result.returncode, result.stdout) == (2, "")
 
 
 def test_a_middleware_that_is_not_installed_is_refused_before_ros_is_loaded() -> None:
     result = run("fin_sim", "simulator", environment={"RMW_IMPLEMENTATION": "rmw_none_cpp"})
-    assert result.stderr.startswith("error: RMW_IMPLEMENTATION=rmw_none_cpp is not installed here: ")
+    assert result.stderr.startswith("simulator: error: RMW_IMPLEMENTATION=rmw_none_cpp is not installed here: ")
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
 
 
 def test_arguments_that_ros_refuses_are_one_line(ros_domain: int) -> None:
     result = run("fin_sim", "simulator", "--ros-args", "-p", "speed", environment={"ROS_DOMAIN_ID": str(ros_domain)})
-    assert result.stderr.startswith("error: ROS 2 does not start: ")
+    assert result.stderr.startswith("simulator: error: ROS 2 does not start: ")
     assert (result.returncode, result.stderr.count("\n")) == (2, 1)
 
 

@@ -140,7 +140,10 @@ def test_of_several_fish_one_that_dies_is_named_and_the_study_goes_on(start: Sta
     wait_until(lambda: len(list(folder.glob("bags/*/*.mcap"))) > 1, 30, "both fish to swim")
     os.kill(node(study, "simulator", FISH[0]), signal.SIGKILL)  # the one that gives the clock
     assert study.wait(60) == 0
-    assert f"error: {FISH[0]}/simulator was killed by SIGKILL before the study did; the last it said:" in study.output()
+    assert (
+        f"bringup: error: {FISH[0]}/simulator was killed by SIGKILL before the study did; the last it said:"
+        in study.output()
+    )
     assert f"the study goes on without {FISH[0]}" in study.output()
     assert all(candidate.score is not None for candidate in candidates(read_trials(folder)))
 
@@ -151,7 +154,7 @@ def test_a_bring_up_whose_fish_are_all_gone_ends(start: Start, tmp_path: Path) -
     for fish in FISH:
         os.kill(node(study, "simulator", fish), signal.SIGKILL)
     assert study.wait(30) == 1
-    assert all(f"error: {fish}/simulator was killed by SIGKILL" in study.output() for fish in FISH)
+    assert all(f"bringup: error: {fish}/simulator was killed by SIGKILL" in study.output() for fish in FISH)
 
 
 @pytest.mark.long

@@ -63,7 +63,7 @@ def test_each_package_has_one_command_that_lists_its_executables(installed: Path
         assert max(map(len, told.stdout.splitlines())) < 80
     refused = run(installed / "fin-sim", "fly", folder=tmp_path)
     assert refused.returncode == 2
-    assert refused.stderr.startswith("error: fin-sim has no sub-command 'fly'\nusage: fin-sim SUB-COMMAND")
+    assert refused.stderr.startswith("fin-sim: error: there is no sub-command 'fly'\nusage: fin-sim SUB-COMMAND")
 
 
 def test_a_sub_command_finds_its_data_and_a_node_says_how_it_is_called(installed: Path, tmp_path: Path) -> None:

@@ -436,7 +436,7 @@ def test_a_bag_without_score_says_why_and_the_others_are_scored(
     captured = capsys.readouterr()
     assert "short: no velocity for 1.01 s from 8.99 s into the window" in captured.err
     assert "dry: plant_state tells 0 starts of a swim, needed is one" in captured.err
-    assert f"error: {tmp_path / 'none'}: " in captured.err
+    assert f"score_bag: error: {tmp_path / 'none'}: " in captured.err
     assert captured.out.count("\n") == 1
 
 

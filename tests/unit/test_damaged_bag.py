@@ -42,7 +42,7 @@ def scored(bag: Path, capsys: pytest.CaptureFixture[str]) -> str:
     shown = capsys.readouterr()
     assert bool(shown.out) == (code == 0)
     if code:
-        assert shown.err.startswith(("error: ", "note: ")), shown.err
+        assert shown.err.startswith(("score_bag: error: ", "note: ")), shown.err
     return shown.out
 
 

@@ -148,7 +148,7 @@ def test_a_damaged_journal_of_an_older_version_never_ends_a_tool_with_a_tracebac
         journal.write_bytes(damaged(whole, random))
         code = show_study.main([str(folder)])
         said = capsys.readouterr().err
-        assert said.startswith("note: " if code == 0 else "error: "), said
+        assert said.startswith("note: " if code == 0 else "show_study: error: "), said
         try:
             Study.open(folder).close()
         except StudyError:
@@ -243,7 +243,7 @@ def test_a_ledger_that_something_else_changed_is_refused_and_stays_as_it_is(
         Study.open(folder, SETTINGS)
     for tool in (show_study, export, score_bag):
         assert tool.main([str(folder)]) == 2
-        assert "error: " in capsys.readouterr().err
+        assert f"{tool.__name__.rpartition('.')[2]}: error: " in capsys.readouterr().err
     assert contents(folder) == before
 
 

@@ -104,7 +104,7 @@ def test_what_cannot_be_written_is_told_and_what_was_found_is_told_all_the_same(
     for name in (CSV_FILE, FIGURE_FILE):
         (study.folder / name).mkdir()
     table, picture = final_report.write_report(study)
-    assert table.startswith(f"error: the report in {study.folder} cannot be written: ")
+    assert table.startswith(f"optimizer: error: the report in {study.folder} cannot be written: ")
     assert picture.startswith(f"warning: the picture {study.folder / FIGURE_FILE} could not be drawn: ")
     assert final_report.findings(study)[0] == "best of 1 trial: E 1 GPa swims 2.000 cm/s"
     assert final_report.how_to_go_on(study)[1] == "its picture is drawn by `show_study study --plot` of fin_optimizer"

@@ -50,8 +50,8 @@ def test_a_bag_that_does_not_say_its_window_is_told_what_is_missing(
     assert main([str(path), str(swim)]) == 2
     out, err = capsys.readouterr()
     assert err == (
-        f"error: {path}: metadata lack measurement.settle_s, measurement.duration_s, measurement.block_s: they do not "
-        "say which part of the swim counts; --settle and --duration say it\n"
+        f"score_bag: error: {path}: metadata lack measurement.settle_s, measurement.duration_s, measurement.block_s: "
+        "they do not say which part of the swim counts; --settle and --duration say it\n"
     )
     assert out.endswith(f"{swim}\n")
     with pytest.raises(SystemExit):
@@ -143,7 +143,7 @@ def test_a_bag_that_cannot_be_scored_is_named_and_the_others_are_scored(
         assert main([*map(str, path), *WINDOW]) == 2
         out, err = capsys.readouterr()
         assert reason in err
-        assert err.startswith(f"error: {bad}")
+        assert err.startswith(f"score_bag: error: {bad}")
         assert err.count("\n") == out.count("\n") == 1
 
 

@@ -159,7 +159,7 @@ def test_a_campaign_that_cannot_be_read_is_refused(
     (tmp_path / "runs").mkdir()
     (tmp_path / "study.json").write_text(content)
     assert report.main([str(tmp_path)]) == 2
-    assert capsys.readouterr().err.startswith("error: ")
+    assert capsys.readouterr().err.startswith("report: error: ")
     assert not (tmp_path / "report.html").exists()
 
 

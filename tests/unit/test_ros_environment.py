@@ -150,5 +150,5 @@ def test_without_a_home_that_can_be_written_to_logs_go_to_a_temporary_folder(tmp
 def test_a_chosen_log_folder_that_cannot_be_written_to_is_refused() -> None:
     result = prepared(ROS_LOG_DIR="/proc/nowhere")
     assert result.returncode == 2
-    assert result.stderr.startswith("error: ROS_LOG_DIR=/proc/nowhere cannot be written to (")
+    assert result.stderr.startswith("-c: error: ROS_LOG_DIR=/proc/nowhere cannot be written to (")
     assert result.stderr.count("\n") == 1

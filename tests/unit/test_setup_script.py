@@ -197,4 +197,4 @@ def test_run_before_the_set_up_says_so(words: tuple[str, ...], tmp_path: Path) -
         check=False,
     )
     assert (result.returncode, result.stdout) == (1, "")
-    assert result.stderr == f"error: the workspace is not set up: run 'make setup' in {root}\n"
+    assert result.stderr == f"environment.sh: error: the workspace is not set up: run 'make setup' in {root}\n"

@@ -66,10 +66,9 @@ def same(one: Table, other: Table) -> bool:
 
 def command(*arguments: str) -> int:
     try:
-        campaign.main(list(arguments))
+        return campaign.main(list(arguments))
     except SystemExit as left:
         return int(left.code or 0)
-    return 0
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)

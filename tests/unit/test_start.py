@@ -34,6 +34,6 @@ def test_a_block_without_an_interrupt_ends_as_any_other() -> None:
 
 def test_an_executable_of_another_version_is_one_sentence_with_what_to_do() -> None:
     with pytest.raises(
-        SystemExit, match="error: fin_sim no_such is not installed as this version has it: run make setup"
+        SystemExit, match="no_such: error: fin_sim no_such is not installed as this version has it: run make setup"
     ):
         start("/install/fin_sim/lib/fin_sim/no_such")

@@ -369,10 +369,10 @@ def test_a_resumed_study_is_scored_without_its_interrupted_trial(
     assert shown.err == f"note: {bags[1]}: trial 0001 is INTERRUPTED (in phase 'measure': Ctrl-C)\n"
     for path in (bags[1], resumed / "bags"):  # no study by itself: scored whatever a journal says
         assert score_bag.main([str(path)]) == 2
-        assert f"error: {bags[1]}: " in capsys.readouterr().err
+        assert f"score_bag: error: {bags[1]}: " in capsys.readouterr().err
     (resumed / "journal.log").write_text("{}\n")
     assert score_bag.main([str(resumed)]) == 2
-    assert f": every bag of {resumed} is scored\nerror: {bags[1]}: " in capsys.readouterr().err
+    assert f": every bag of {resumed} is scored\nscore_bag: error: {bags[1]}: " in capsys.readouterr().err
 
 
 def test_an_ok_trial_without_its_bag_is_an_error(resumed: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -382,8 +382,8 @@ def test_an_ok_trial_without_its_bag_is_an_error(resumed: Path, capsys: pytest.C
     write_swim(resumed / "bags" / "of another day")
     assert score_bag.main([str(resumed)]) == 2
     shown = capsys.readouterr()
-    errors = [line for line in shown.err.splitlines() if line.startswith("error")]
-    assert [error.partition(": ")[2].partition(": ")[0] for error in errors] == [str(bags[0]), str(bags[2])]
+    errors = [line.removeprefix("score_bag: error: ") for line in shown.err.splitlines() if ": error: " in line]
+    assert [error.partition(": ")[0] for error in errors] == [str(bags[0]), str(bags[2])]
     assert all(error.endswith("missing") for error in errors)
     assert shown.out.endswith(f" {resumed}/bags/of another day\n")
     assert shown.out.count("\n") == 1
@@ -404,8 +404,8 @@ def test_a_bag_that_does_not_give_the_journals_score_is_an_error(
     assert score_bag.main([str(resumed)]) == 2
     shown = capsys.readouterr()
     assert shown.out.count("\n") == 2
-    (error,) = (line for line in shown.err.splitlines() if line.startswith("error"))
-    assert error.startswith(f"error: {resumed / trials[2].bag}: speed [m/s] is {value!r} from the bag")
+    (error,) = (line for line in shown.err.splitlines() if line.startswith("score_bag: error: "))
+    assert error.startswith(f"score_bag: error: {resumed / trials[2].bag}: speed [m/s] is {value!r} from the bag")
     assert f"and {changed!r} in journal.log" in error
 
 

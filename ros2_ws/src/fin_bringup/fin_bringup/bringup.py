@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 from fin_bringup import study_arguments, study_nodes
 from fin_bringup.processes import StudyProcesses
 from fin_plant import ros_environment
+from fin_plant.command import EXIT_FAILURE, EXIT_USAGE, tell_error
 from fin_plant.executables import screen_width
 from fin_plant.node_help import wrap
 from fin_plant.output import go_on_when_output_closes
-from fin_plant.ros_environment import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -63,7 +63,7 @@ def main() -> int:
         study_nodes.check_tails(nodes)
         study = StudyProcesses(nodes, viewers)
     except (ValueError, FileNotFoundError) as error:
-        sys.stderr.write(f"error: {error}\n")
+        tell_error("bringup", error)
         return EXIT_USAGE if isinstance(error, ValueError) else EXIT_FAILURE
     try:
         return study.run()

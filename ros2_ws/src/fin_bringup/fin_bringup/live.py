@@ -33,6 +33,7 @@ from fin_optimizer.bags.log_time import LogTime
 from fin_optimizer.bags.messages import definition, header_stamp, is_known, tells_plants_time
 from fin_optimizer.bags.model_messages import DESCRIPTION, JOINT_STATES, POSE, ModelMessages
 from fin_plant import checks, node_process, topics
+from fin_plant.command import tell_error
 from fin_plant.frames import frame_prefix
 
 if TYPE_CHECKING:
@@ -347,7 +348,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         checks.whole_number("--port", given.port, 0, _HIGHEST_PORT, advice="0 takes any that is free")
     except ValueError as error:
-        sys.stderr.write(f"error: {error}\n")
+        tell_error("live", error)
         return 2
     given.token = given.token or secrets.token_urlsafe(12)
     return node_process.run(partial(Live, given), [sys.argv[0], *words])

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_plant import sub_commands
-from fin_plant.ros_environment import EXIT_FAILURE
+from fin_plant.command import EXIT_FAILURE, error_line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -260,4 +260,4 @@ def _how_it_ended(child: Child) -> str:
     code = child.process.returncode
     how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
     words = "".join(f"\n  {line}" for line in child.last_words) or "\n  (nothing)"
-    return f"error: {child.name} {how} before the study did; the last it said:{words}\n"
+    return error_line("bringup", f"{child.name} {how} before the study did; the last it said:{words}\n")

@@ -35,6 +35,7 @@ from fin_optimizer.trial.swimmer import Conditions, Swimmer
 from fin_optimizer.words import near, show_values, trial_name
 from fin_plant import node_process, topics
 from fin_plant.checks import counted
+from fin_plant.command import EXIT_FAILURE, EXIT_OK, error_line
 from fin_plant.messages import key_values
 from fin_plant.node_parameters import NodeParameters
 
@@ -219,7 +220,7 @@ class Optimizer:
                     self._display.say(f"{swimmer.namespace} waits: {waiting} (answer with fin_servo_driver's operator)")
         if self._mode is Mode.STOPPING:
             self._cancel("~/stop was called")
-            self._finish(node_process.EXIT_OK)
+            self._finish(EXIT_OK)
         elif self._mode is Mode.PAUSING and not busy:
             self._mode = Mode.HOLDING
         elif self._mode is Mode.RUNNING and now >= self._start_at and len(busy) < len(self._swimmers):
@@ -285,7 +286,7 @@ class Optimizer:
         if isinstance(search, Simulating) and search.prepare(self._study.history) == 1.0:
             told = search.told(self._study.history)
             self._display.say(f"{why}; expected to be fastest: {show_values(told.best)}, {told.text}")
-        self._finish(node_process.EXIT_OK)
+        self._finish(EXIT_OK)
 
     def _begin(self, swimmer: Swimmer, record: TrialRecord) -> None:
         started = record.started.isoformat() if record.started is not None else ""
@@ -360,10 +361,10 @@ class Optimizer:
         if self._mode is Mode.DONE:
             return
         self._mode = Mode.DONE
-        self._display.say(f"error: {why}: the study is left here")
+        self._display.say(error_line(OPTIMIZER, f"{why}: the study is left here"))
         with contextlib.suppress(StudyError):  # the same disk may refuse the same again
             self._cancel(why)
-        self._finish(node_process.EXIT_FAILURE)
+        self._finish(EXIT_FAILURE)
 
     def _conditions(self) -> Conditions:
         plan = self._plan
@@ -428,7 +429,7 @@ class Optimizer:
         for line in [*final_report.write_report(self._study), *final_report.findings(self._study)]:
             self._display.say(line)
         if self._study.best() is None:
-            code = code or node_process.EXIT_FAILURE
+            code = code or EXIT_FAILURE
         if self._plan.exit_when_done:
             self._exit_code = code
 
@@ -450,19 +451,19 @@ class Optimizer:
             try:
                 self._cancel("the optimiser was stopped")
             except StudyError as error:
-                self._display.say(f"error: {error}")
+                self._display.say(error_line(OPTIMIZER, error))
 
     def _close_swimmer(self, swimmer: Swimmer) -> None:
         try:
             swimmer.destroy()
         except BagError as error:
-            self._display.say(f"error: {error}")
+            self._display.say(error_line(OPTIMIZER, error))
 
     def _write_last_table(self) -> None:
         try:
             final_report.write_table(self._study)
         except OSError as error:
-            self._display.say(f"error: {CSV_FILE} cannot be written: {error.strerror or error}")
+            self._display.say(error_line(OPTIMIZER, f"{CSV_FILE} cannot be written: {error.strerror or error}"))
 
     def _say_how_to_go_on(self) -> None:
         if self._mode is not Mode.DONE:

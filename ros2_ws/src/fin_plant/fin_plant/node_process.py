@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 import traceback
-from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import rclpy
@@ -19,6 +18,7 @@ from rclpy.utilities import remove_ros_args
 from threadpoolctl import threadpool_limits
 
 from fin_plant import ros_environment, start
+from fin_plant.command import EXIT_FAILURE, EXIT_OK, EXIT_USAGE, program, tell_error
 from fin_plant.output import go_on_when_output_closes
 
 if TYPE_CHECKING:
@@ -27,10 +27,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-EXIT_OK = ros_environment.EXIT_OK
 END_BY_SIGNAL_IS_SUCCESS = start.END_BY_SIGNAL_IS_SUCCESS
-EXIT_FAILURE = ros_environment.EXIT_FAILURE
-EXIT_USAGE = ros_environment.EXIT_USAGE
 # A callback that waits on nothing returns at once; this bounds how late a stop is seen.
 _SPIN_SECONDS = 0.1
 
@@ -80,12 +77,12 @@ class _Stop:
             self.interrupted.interrupt()
 
 
-def _refuse_words(program: str, *words: str) -> int | None:
+def _refuse_words(words: list[str]) -> int | None:
     """Say how a node is started if its command line has words that are not for ROS; return the exit code then."""
     if not words:
         return None
-    usage = f"usage: {Path(program).name} [--ros-args -p PARAMETER:=VALUE ...]; --help lists the parameters"
-    print(f"error: {words[0]!r} is no argument of a node\n{usage}", file=sys.stderr)  # noqa: T201
+    usage = f"usage: {program()} [--ros-args -p PARAMETER:=VALUE ...]; --help lists the parameters"
+    tell_error(program(), f"{words[0]!r} is no argument of a node\n{usage}")
     return EXIT_USAGE
 
 
@@ -126,8 +123,8 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
     go_on_when_output_closes()
     if args is None:
         with _one_line_for_what_ros_refuses():
-            words = remove_ros_args(sys.argv)
-        if (asked := _refuse_words(*words)) is not None:
+            words = remove_ros_args(sys.argv)[1:]
+        if (asked := _refuse_words(words)) is not None:
             return asked
     # The matrices here are small. A helper thread of the linear algebra would gain nothing, and after each call it
     # spins for tens of milliseconds on a core that another node needs.
@@ -139,7 +136,7 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
             with starting_ros(args):
                 runnable = make()
         except ValueError as error:
-            print(f"error: {error}", file=sys.stderr)  # noqa: T201
+            tell_error(program(), error)
             return EXIT_USAGE
         stop.interrupted = runnable if isinstance(runnable, Interruptible) else None
         last.callback(runnable.node.destroy_node)

@@ -13,14 +13,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 from xml.etree import ElementTree as ET
 
+from fin_plant.command import EXIT_USAGE, program, tell_error
 from fin_plant.private_folder import private_folder
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, MutableMapping
 
-EXIT_OK = 0
-EXIT_FAILURE = 1
-EXIT_USAGE = 2
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _PROFILES_IN_FOLDER = ("DEFAULT_FASTRTPS_PROFILES.xml", "DEFAULT_FASTDDS_PROFILES.xml")
@@ -89,7 +87,7 @@ def refuse(what: str) -> NoReturn:
     Raises:
         SystemExit: Always, with exit code 2.
     """
-    print(f"error: {' '.join(what.split())}", file=sys.stderr)  # noqa: T201
+    tell_error(program(), " ".join(what.split()))
     raise SystemExit(EXIT_USAGE)
 
 

@@ -116,13 +116,13 @@ def start(path: str) -> object:
     """
     from pathlib import Path  # noqa: PLC0415  (nothing slow before _listen)
 
+    from fin_plant.command import error_line  # noqa: PLC0415
     from fin_plant.sub_commands import executables  # noqa: PLC0415
 
     package, name = Path(path).parts[-2:]
     entry = executables(package).get(name)
     if entry is None:
-        msg = f"error: {package} {name} is not installed as this version has it: run make setup"
-        raise SystemExit(msg)
+        raise SystemExit(error_line(name, f"{package} {name} is not installed as this version has it: run make setup"))
     of_a_wheel = path == f"{package}/{name}"
     command = f"{package.replace('_', '-')} {name}" if of_a_wheel else f"./run {package} {name}"
     if _HELP & set(sys.argv):

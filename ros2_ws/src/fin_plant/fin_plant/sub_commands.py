@@ -12,12 +12,13 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fin_plant.command import EXIT_USAGE, tell_error
+
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 GROUP = "fin_executables"
 """Of the entry points in a package's setup.py: the one table of its executables, however it is installed."""
-_EXIT_USAGE = 2
 
 
 def executables(package: str) -> dict[str, EntryPoint]:
@@ -55,5 +56,5 @@ def main() -> None:
     if name in {"-h", "--help"}:
         print(usage)  # noqa: T201
         raise SystemExit(0)
-    print(f"error: {command} has no sub-command '{name}'\n{usage}", file=sys.stderr)  # noqa: T201
-    raise SystemExit(_EXIT_USAGE)
+    tell_error(command, f"there is no sub-command '{name}'\n{usage}")
+    raise SystemExit(EXIT_USAGE)

@@ -28,6 +28,7 @@ import time
 from typing import TYPE_CHECKING
 
 from fin_plant import checks
+from fin_plant.command import command
 from fin_plant.paths import given_path
 from fin_servo_driver import backends, robot_file
 from fin_servo_driver.calibration import Calibration, Leave
@@ -150,6 +151,7 @@ def _say(text: str) -> None:
     print(text, flush=True)  # noqa: T201 - a program for a terminal
 
 
+@command("calibrate_servo", failures=(DeviceError, ValueError, OSError), when_output_closes=None)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the program."""
     parser = argparse.ArgumentParser(
@@ -171,9 +173,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             _say("nothing stored")
             return 128 + signals.number if signals.number else 0
         robot_file.save(robot_file.with_joint(robot, given.joint, joint), given.robot_file)
-    except (DeviceError, ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)  # noqa: T201
-        return 1
     except KeyboardInterrupt:
         _say("nothing stored")
         return 128 + (signals.number or signal.SIGINT)

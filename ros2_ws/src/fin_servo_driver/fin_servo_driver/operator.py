@@ -26,6 +26,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fin_plant import node_process, topics
+from fin_plant.command import EXIT_USAGE, tell_error
 from fin_plant.plant_state import State
 from fin_servo_driver.driver_client import SpunDriverClient
 from fin_servo_driver.fin_instruction import sizes, wanted_fin
@@ -222,8 +223,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--namespace", default=topics.NAMESPACE, help="of the fish (default: %(default)s)")
     given = parser.parse_args(arguments)
     if not sys.stdin.isatty():
-        print("error: operator reads keys: run it in a terminal", file=sys.stderr)  # noqa: T201
-        return node_process.EXIT_USAGE
+        tell_error("operator", "it reads keys: run it in a terminal")
+        return EXIT_USAGE
     # Noted only: an exception out of a signal's handler is lost where it meets one of rclpy's callbacks.
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -8,9 +8,9 @@ import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
+from fin_plant.command import command
 from fin_plant.executables import screen_width
 from fin_plant.node_help import wrap
-from fin_plant.output import end_when_output_closes
 from fin_sim.materials import MATERIALS_FILE, materials
 
 if TYPE_CHECKING:
@@ -53,10 +53,9 @@ def _json(entries: Sequence[Material]) -> str:
     return json.dumps([{**asdict(entry), "units": units} for entry in entries], indent=1)
 
 
+@command("materials")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0."""
-    if arguments is None:
-        end_when_output_closes()
     parser = argparse.ArgumentParser(prog="materials", description=__doc__.replace("``", ""))
     parser.add_argument("--json", action="store_true", help="as JSON, in Pa and kg/m^3, instead of a table")
     options = parser.parse_args(arguments)

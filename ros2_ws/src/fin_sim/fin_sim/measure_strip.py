@@ -10,8 +10,8 @@ import textwrap
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
+from fin_plant.command import command
 from fin_plant.fin import FIN_PARAMETERS
-from fin_plant.output import end_when_output_closes
 from fin_plant.units import quantity
 from fin_sim.strip import LARGEST_SAG, Measured, modulus_of_strip
 
@@ -147,10 +147,9 @@ class _Strip:
         return found
 
 
+@command("measure_strip")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0, or 2 for what cannot be measured."""
-    if arguments is None:
-        end_when_output_closes()
     parser = argparse.ArgumentParser(
         prog="measure_strip",
         description=textwrap.fill(__doc__, 78),
@@ -171,12 +170,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--name", default="strip", help="of the sheet in a stock")
     parser.add_argument("--json", action="store_true", help="the numbers as JSON, in SI")
     options = parser.parse_args(arguments)
-    try:
-        strip = _Strip.given(options)
-        found = strip.modulus()
-    except ValueError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
+    strip = _Strip.given(options)
+    found = strip.modulus()
     if options.json:
         rest = {name: value for name, value in asdict(found).items() if name not in {"value", "error"}}
         said = {"young_modulus": found.value, "spread": found.error, "units": {"young_modulus": "Pa", "spread": "Pa"}}

@@ -20,6 +20,7 @@ from rich.progress import track
 from rich.table import Table
 
 from fin_plant import checks, validity, yaml_file
+from fin_plant.command import EXIT_FAILURE, EXIT_INTERRUPTED, command, tell_error
 from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.fin import PLANT_PARAMETERS, SHAPES
 from fin_plant.parameters import ParameterTable
@@ -59,10 +60,7 @@ _EVERY_NODES = ("use_sim_time", "qos_overrides.", "start_type_description_servic
 _SHORT = {"water.model": "--water", "water.wake": "--wake", "water.drag": "--drag", "water.preset": "--preset"}
 _OF_MATERIAL = ("fin.young_modulus", "fin.density")
 _DAMPING_TIME = "fin.damping_time"  # follows from a material's loss and the frequency, where it is not given
-_BAD_INPUT = 2
-_SWIM_FAILED = 1
 _MODEL = "water.model"
-_INTERRUPTED = 130
 _PIPE_WIDTH = 140
 _MANY_SWIMS = 500
 _EXAMPLES = """examples:
@@ -527,17 +525,17 @@ def _run_variation(plan: SwimPlan, axes: list[Axis], options: argparse.Namespace
                 rows.append({**row, **swum.figures})
                 doubts |= dict.fromkeys(swum.warnings)
                 if swum.failure:
-                    code = _SWIM_FAILED
+                    code = EXIT_FAILURE
                     failures.append(
                         f"{', '.join(f'{axis.name} = {_shown(row[axis.name])}' for axis in axes)}: {swum.failure}"
                     )
         except KeyboardInterrupt:
-            code = _INTERRUPTED
+            code = EXIT_INTERRUPTED
             failures.append(f"stopped after {len(rows)} of {len(plans)} swims")
     for doubt in doubts:
         print(f"swim: warning: {doubt}", file=sys.stderr)  # noqa: T201
     for failure in failures:
-        print(f"swim: error: {failure}", file=sys.stderr)  # noqa: T201
+        tell_error("swim", failure)
     if rows:
         _put_out_variation(axes, rows, options, plan.title([axis.name for axis in axes]))
     return code
@@ -608,22 +606,10 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
+@command("swim", failures=(StepError, StrokeError, MassError, validity.FoldedError), when_output_closes=None)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0, 2 for bad input, 1 for a swim that diverged or folded, 130 for Ctrl-C."""
-    options = _parser().parse_args(arguments)
-    try:
-        return _run(options)
-    except KeyboardInterrupt:
-        return _INTERRUPTED
-    except BrokenPipeError:  # the reader has seen enough, as `head` has
-        sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115
-        return 0
-    except (ValueError, OSError) as error:
-        print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
-        return _BAD_INPUT
-    except (StepError, StrokeError, MassError, validity.FoldedError) as error:
-        print(f"swim: error: {error}", file=sys.stderr)  # noqa: T201
-        return _SWIM_FAILED
+    return _run(_parser().parse_args(arguments))
 
 
 if __name__ == "__main__":

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING, Any
 from fin_bringup.benchmarks import mujoco_fish, other_programs, profile, swims, trials
 from fin_bringup.benchmarks.measuring import DURATION, Sizes
 from fin_plant import checks
+from fin_plant.command import command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_REFUSED = 2
 FULL = Sizes(5, (1, 10, 100, 1000, 10_000, 100_000), (1, 2, 3, 4, 5, 7, 8, 10, 15, 20), (4e-3, 2e-3, 1e-3, 2.5e-4), 200)
 QUICK = Sizes(2, (1, 100, 2000), (1, 3, 20), (2e-3, 5e-4), 20)
 
@@ -99,24 +99,22 @@ def text(figures: dict[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command; exit 2 for what is refused."""
+@command("bench", when_output_closes=None)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return 0, or 2 for what is refused."""
     parser = argparse.ArgumentParser(prog="bench", description="Measure how fast many fish swim.")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats")
     parser.add_argument("--repeats", type=checks.read_whole_number, help="of each measurement; the least time counts")
     options = parser.parse_args(arguments)
     sizes = QUICK if options.quick else FULL
-    try:
-        if options.repeats is not None:
-            sizes = replace(sizes, repeats=checks.whole_number("--repeats", options.repeats, 1))
-        mujoco_fish.require()
-    except ValueError as error:
-        sys.stderr.write(f"bench: error: {error}\n")
-        sys.exit(_REFUSED)
+    if options.repeats is not None:
+        sizes = replace(sizes, repeats=checks.whole_number("--repeats", options.repeats, 1))
+    mujoco_fish.require()
     figures = measure(sizes)
     sys.stdout.write(json.dumps(figures, indent=2) + "\n" if options.json else text(figures))
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

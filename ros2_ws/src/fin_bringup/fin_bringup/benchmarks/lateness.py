@@ -27,6 +27,7 @@ from rclpy.executors import SingleThreadedExecutor
 
 from fin_bringup.processes import find_executable
 from fin_plant import checks, node_process, topics
+from fin_plant.command import command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -42,7 +43,6 @@ _LEAST_SECONDS = 3.0
 _LEAST_DIAGNOSTICS = 2
 """Of a difference."""
 _COLUMNS = ("device", "lateness p50, ms", "p99, ms", "max, ms", "missed ticks", "CPU of the driver", "nice")
-_FAILED, _REFUSED = 1, 2
 
 
 @dataclass(frozen=True)
@@ -200,6 +200,7 @@ def _row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |\n"
 
 
+@command("lateness", failures=(RuntimeError, FileNotFoundError), when_output_closes=None)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 1 if a study failed."""
     parser = argparse.ArgumentParser(prog="lateness", description=__doc__.partition(":")[0])
@@ -209,8 +210,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     options = parser.parse_args(arguments)
     if not _LEAST_SECONDS <= options.seconds < float("inf"):
-        sys.stderr.write(f"lateness: error: --seconds {options.seconds:g} must be at least {_LEAST_SECONDS:g}\n")
-        return _REFUSED
+        msg = f"--seconds {options.seconds:g} must be at least {_LEAST_SECONDS:g}"
+        raise ValueError(msg)
     devices = options.devices or DEVICES
     sys.stdout.write(
         f"./run fin_bringup lateness --seconds {options.seconds:g} {' '.join(devices)}\n\n"
@@ -223,11 +224,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for device in devices:
             sys.stdout.write(measure(device, options.seconds).row())
             sys.stdout.flush()
-    except (RuntimeError, FileNotFoundError) as error:
-        sys.stderr.write(f"lateness: error: {error}\n")
-        return _FAILED
-    except KeyboardInterrupt:
-        return 128 + signal.SIGINT
     finally:
         rclpy.try_shutdown()
     return 0

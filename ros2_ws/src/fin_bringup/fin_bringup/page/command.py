@@ -15,8 +15,8 @@ from fin_bringup.page.access import Access, is_here
 from fin_bringup.study_arguments import NAMESPACE
 from fin_optimizer.parameters import NAMESPACE_PATTERN
 from fin_plant import checks
+from fin_plant.command import EXIT_FAILURE, EXIT_USAGE, tell_error
 from fin_plant.output import go_on_when_output_closes
-from fin_plant.ros_environment import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _check_namespace(given.namespace)
         listening = _listening(given.host, given.port)
     except ValueError as error:
-        sys.stderr.write(f"error: {error}\n")
+        tell_error("page", error)
         return EXIT_USAGE
     # Noted only: an exception out of a signal's handler is lost where it meets one of rclpy's callbacks.
     signals: list[int] = []

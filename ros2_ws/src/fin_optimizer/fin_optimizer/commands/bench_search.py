@@ -19,10 +19,10 @@ import numpy as np
 from fin_optimizer.search.algorithms import search
 from fin_optimizer.search.space import Choice, Evaluation, Space
 from fin_plant import checks
+from fin_plant.command import command
 from fin_plant.figures import check_picture, new_figure, own_style
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
-from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
 from fin_plant.private_folder import private_folder
 from fin_sim.swim import PAPER_FISH
@@ -202,10 +202,9 @@ def _table(found: dict[str, dict[str, dict[str, object]]], fish: int) -> str:
     return "\n".join([f"of {fish} fish: within 2 %, within 3 %; median regret", *lines]) + "\n"
 
 
+@command("bench_search")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 0, 2 for bad input, 130 for Ctrl-C."""
-    if arguments is None:
-        end_when_output_closes()
     parser = argparse.ArgumentParser(
         prog="bench_search",
         description="Compare searches on hidden fish: how near the best fin of a stock each is after some trials.",
@@ -221,22 +220,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="as JSON instead of a table")
     parser.add_argument("--plot", type=given_path, metavar="FILE", help="draw regret over trials, .png, .pdf or .svg")
     given = parser.parse_args(arguments)
-    try:
-        for name in ("fish", "trials", "seeds"):
-            checks.whole_number(f"--{name}", getattr(given, name), 1, 1000)
-        noise = checks.number("--noise", given.noise, 0.0, 1.0, exclusive_minimum=True)
-        methods = [checks.choice("--methods", each.strip(), METHODS) for each in given.methods.split(",")]
-        if given.plot:
-            check_picture(given.plot)
-        found = bench(methods, list(WORLDS), given.fish, given.trials, noise, given.seeds)
-        sys.stdout.write(json.dumps(found, indent=2) + "\n" if given.json else _table(found, given.fish))
-        if given.plot:
-            draw(given.plot, found)
-    except (ValueError, OSError) as error:
-        sys.stderr.write(f"bench_search: error: {error}\n")
-        return 2
-    except KeyboardInterrupt:
-        return 130
+    for name in ("fish", "trials", "seeds"):
+        checks.whole_number(f"--{name}", getattr(given, name), 1, 1000)
+    noise = checks.number("--noise", given.noise, 0.0, 1.0, exclusive_minimum=True)
+    methods = [checks.choice("--methods", each.strip(), METHODS) for each in given.methods.split(",")]
+    if given.plot:
+        check_picture(given.plot)
+    found = bench(methods, list(WORLDS), given.fish, given.trials, noise, given.seeds)
+    sys.stdout.write(json.dumps(found, indent=2) + "\n" if given.json else _table(found, given.fish))
+    if given.plot:
+        draw(given.plot, found)
     return 0
 
 

@@ -14,8 +14,8 @@ from fin_optimizer.calibration.recorded import read_folder
 from fin_optimizer.calibration.settings import read_settings
 from fin_optimizer.calibration.swims import usable
 from fin_plant import checks
+from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
-from fin_plant.output import end_when_output_closes
 from fin_plant.paths import config_folder, given_path
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ GROUPS: dict[str, Callable[[Swim], float | str]] = {
     "bias": lambda swim: round(swim.bias, 6),
     "condition": lambda swim: swim.name,
 }
-_BAD_INPUT, _INTERRUPTED = 2, 130
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -186,18 +185,11 @@ def _run(given: argparse.Namespace, command: str) -> int:
     return 0
 
 
+@command("calibrate")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Calibrate; return 0, 2 for input that cannot be used, 130 for Ctrl-C."""
-    if arguments is None:
-        end_when_output_closes()
-    try:
-        given = _parser().parse_args(arguments)
-        return _run(given, shlex.join(["calibrate", *(sys.argv[1:] if arguments is None else arguments)]))
-    except (ValueError, OSError) as error:
-        sys.stderr.write(f"calibrate: error: {error}\n")
-        return _BAD_INPUT
-    except KeyboardInterrupt:
-        return _INTERRUPTED
+    given = _parser().parse_args(arguments)
+    return _run(given, shlex.join(["calibrate", *(sys.argv[1:] if arguments is None else arguments)]))
 
 
 if __name__ == "__main__":

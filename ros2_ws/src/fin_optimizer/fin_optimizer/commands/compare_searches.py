@@ -24,9 +24,9 @@ from fin_optimizer.search.genetic import Generation
 from fin_optimizer.search.random_search import RandomSearch
 from fin_optimizer.search.space import Dimension, Evaluation, Space
 from fin_plant import checks
+from fin_plant.command import command
 from fin_plant.fin import scaled_to_area
 from fin_plant.gait import PAPER_GAIT
-from fin_plant.output import end_when_output_closes
 from fin_sim.batch import swim_batch
 from fin_sim.presets import preset
 
@@ -142,10 +142,9 @@ def _print(line: str) -> None:
     sys.stdout.flush()
 
 
+@command("compare_searches")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table; return 0, or 2 if it cannot be."""
-    if arguments is None:
-        end_when_output_closes()
     parser = argparse.ArgumentParser(
         prog="compare_searches",
         description="Print how many simulated swims each search needs until a fin is within 1 % of the fastest known.",
@@ -155,13 +154,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add("--studies", type=checks.read_whole_number, default=11, help="of each search (default: %(default)s)")
     add("--most", type=checks.read_whole_number, default=400, help="swims of a study (default: %(default)s)")
     given = parser.parse_args(arguments)
-    try:
-        names = [checks.choice("search", name, ALGORITHMS) for name in given.searches] or list(ALGORITHMS)
-        checks.whole_number("--studies", given.studies, 1)
-        checks.whole_number("--most", given.most, 1)
-    except ValueError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
+    names = [checks.choice("search", name, ALGORITHMS) for name in given.searches] or list(ALGORITHMS)
+    checks.whole_number("--studies", given.studies, 1)
+    checks.whole_number("--most", given.most, 1)
     for name in SPACES:
         _print(f"{name}: the fastest known swims {100.0 * highest(name):.3f} cm/s")
     _print("| search | " + " | ".join(f"{name}: median | slowest" for name in SPACES) + " | a proposal |")

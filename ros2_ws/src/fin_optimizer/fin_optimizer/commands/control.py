@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 
 from fin_optimizer.parameters import OPTIMIZER
 from fin_plant import node_process, topics
+from fin_plant.command import EXIT_FAILURE, EXIT_OK, command, tell_error
 from fin_plant.discovery import look_around, no_service
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ _PATIENCE = 5.0
 """s in which the optimiser must be found, and answer."""
 
 
+@command("control", when_output_closes=None)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0 if the optimiser has done it, 1 if it refuses or is not there."""
     parser = argparse.ArgumentParser(
@@ -39,8 +41,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with node_process.starting_ros():
             node = Node(f"{OPTIMIZER}_control", namespace=given.namespace)
         return _ask(node, node.create_client(Trigger, f"{OPTIMIZER}/{given.word}"))
-    except KeyboardInterrupt:
-        return 130
     finally:
         rclpy.try_shutdown()
 
@@ -48,18 +48,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _ask(node: Node, client: Client) -> int:
     if not client.wait_for_service(_PATIENCE):
         seen = no_service(str(client.service_name), look_around(node), advice="give --namespace {namespace}")
-        sys.stderr.write(f"error: no optimiser found within {_PATIENCE:g} s: {seen}\n")
-        return node_process.EXIT_FAILURE
+        tell_error("control", f"no optimiser found within {_PATIENCE:g} s: {seen}")
+        return EXIT_FAILURE
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     future = client.call_async(Trigger.Request())
     executor.spin_until_future_complete(future, _PATIENCE)
     answer = future.result() if future.done() else None
     if answer is None:
-        sys.stderr.write(f"error: no answer from {client.service_name} within {_PATIENCE:g} s\n")
-        return node_process.EXIT_FAILURE
+        tell_error("control", f"no answer from {client.service_name} within {_PATIENCE:g} s")
+        return EXIT_FAILURE
     (sys.stdout if answer.success else sys.stderr).write(f"{answer.message}\n")
-    return node_process.EXIT_OK if answer.success else node_process.EXIT_FAILURE
+    return EXIT_OK if answer.success else EXIT_FAILURE
 
 
 if __name__ == "__main__":

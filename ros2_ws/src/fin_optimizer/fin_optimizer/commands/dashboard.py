@@ -12,6 +12,7 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 from fin_optimizer.study.file_names import JOURNAL_FILE
 from fin_optimizer.study.journal import JournalLines, StudyError
 from fin_plant import checks
+from fin_plant.command import command
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ _READING = {"GET", "HEAD"}
 _REFUSAL = "this page only shows the study: what is changed here would be lost to it, or spoil it"
 
 
+@command("dashboard", when_output_closes=None)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Serve the dashboard until Ctrl-C; return 2 if there is no study, or the port cannot be used."""
     parser = argparse.ArgumentParser(
@@ -42,13 +44,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         checks.whole_number("--port", given.port, 0, _HIGHEST_PORT, advice="0 takes any that is free")
         server = served(given.study, given.host, given.port)
-    except (StudyError, ValueError) as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
     except OSError as error:
-        said = error.strerror or error
-        sys.stderr.write(f"error: cannot listen at {given.host}:{given.port}: {said}; give another --host or --port\n")
-        return 2
+        msg = f"cannot listen at {given.host}:{given.port}: {error.strerror or error}; give another --host or --port"
+        raise ValueError(msg) from None
     with server:
         sys.stdout.write(f"study {given.study}: http://{given.host}:{server.server_port} until Ctrl-C\n")
         sys.stdout.flush()

@@ -10,6 +10,8 @@ from fin_optimizer.bags.enrich import enriched
 from fin_optimizer.bags.files import bags_in
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.reader import read_bag
+from fin_plant.command import command, tell_error
+from fin_plant.output import go_on_when_output_closes
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+@command("enrich_bag", when_output_closes=go_on_when_output_closes)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Copy what is asked for; return 0, or 2 if a bag could not be copied."""
     parser = argparse.ArgumentParser(
@@ -52,7 +55,7 @@ def _copied(path: Path, into: Path | None) -> Path:
 
 
 def _tell(error: Exception) -> int:
-    sys.stderr.write(f"error: {error}\n")
+    tell_error("enrich_bag", error)
     return 2
 
 

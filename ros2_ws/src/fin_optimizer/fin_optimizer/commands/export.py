@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.study.candidate import candidates
 from fin_optimizer.study.folder import read_settings
-from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.study.report import measures_of, varied
 from fin_optimizer.words import SPEED, with_unit
-from fin_plant.output import end_when_output_closes
+from fin_plant.command import command
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -106,10 +105,10 @@ def export(study: Path, folder: Path) -> list[Path]:
     return written
 
 
+@command("export")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Export a study; return 0, or 2 if it cannot be."""
     if arguments is None:
-        end_when_output_closes()
         # Optuna turns the journal's times into local ones, which cannot tell the hour that a change of clocks repeats.
         os.environ["TZ"] = "UTC"
         time.tzset()
@@ -122,11 +121,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--into", type=given_path, metavar="FOLDER", help="where the tables go; the study's folder if left out"
     )
     given = parser.parse_args(arguments)
-    try:
-        written = export(given.study, given.into or given.study)
-    except (StudyError, OSError) as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
+    written = export(given.study, given.into or given.study)
     sys.stdout.writelines(f"{path}\n" for path in written)
     return 0
 

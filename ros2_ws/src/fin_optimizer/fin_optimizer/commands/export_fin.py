@@ -17,8 +17,8 @@ from fin_optimizer.study.folder import read_settings
 from fin_optimizer.study.records import read_trials
 from fin_optimizer.words import show_speed, trial_name
 from fin_plant import checks
+from fin_plant.command import command
 from fin_plant.fin import FIN_PARAMETERS, Fin
-from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
 from fin_plant.units import quantity
 
@@ -234,23 +234,18 @@ def _wanted(given: argparse.Namespace) -> tuple[list[Wanted], Path]:
     return of_study(read_settings(study), candidates(read_trials(study)), given.trial, given.best), study
 
 
+@command("export_fin")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Draw fins; return 0, or 2 if that cannot be."""
-    if arguments is None:
-        end_when_output_closes()
     given = _parser().parse_args(arguments)
-    try:
-        clamp = Clamp(
-            read_millimetres("clamp", given.clamp), given.holes, read_millimetres("hole diameter", given.hole_diameter)
-        )
-        wanted, folder = _wanted(given)
-        sheet = None if given.sheet is None else read_sheet(given.sheet)
-        layout = laid_out(wanted, clamp, sheet, read_millimetres("gap", given.gap))
-        paths = given.out or [folder / f"fin{ending}" for ending in (".dxf", ".svg", ".pdf")]
-        done = written(layout, paths)
-    except (ValueError, OSError) as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
+    clamp = Clamp(
+        read_millimetres("clamp", given.clamp), given.holes, read_millimetres("hole diameter", given.hole_diameter)
+    )
+    wanted, folder = _wanted(given)
+    sheet = None if given.sheet is None else read_sheet(given.sheet)
+    layout = laid_out(wanted, clamp, sheet, read_millimetres("gap", given.gap))
+    paths = given.out or [folder / f"fin{ending}" for ending in (".dxf", ".svg", ".pdf")]
+    done = written(layout, paths)
     for piece in layout.pieces:
         sys.stdout.write(f"{', '.join(piece.blank.label)}\n")
     sys.stdout.writelines(f"drawing: {path}\n" for path in done)

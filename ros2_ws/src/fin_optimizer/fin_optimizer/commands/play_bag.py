@@ -35,6 +35,7 @@ from fin_optimizer.bags.playback import Playback
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.play_display import PlayDisplay
 from fin_plant import checks, node_process, topics
+from fin_plant.command import EXIT_FAILURE, EXIT_OK, tell_error
 from fin_plant.discovery import End, ends_of, nobody_hears, policies
 from fin_plant.messages import time_message
 from fin_plant.paths import given_path
@@ -278,17 +279,17 @@ class Player:
             return
         heard = [name for name, publisher in self._publishers.items() if publisher.get_subscription_count()]
         if self._acknowledged(_FAREWELL):
-            self._code = node_process.EXIT_OK
+            self._code = EXIT_OK
             nobody = "" if heard else f"; {self._who_was_deaf()}"
             self._display.end(f"played {self._sent} messages, {self._position:.1f} s{nobody}")
         else:
-            self._code = node_process.EXIT_FAILURE
+            self._code = EXIT_FAILURE
             self._display.end("")
             late = [name for name, publisher in self._publishers.items() if not publisher.wait_for_all_acked(_AT_ONCE)]
-            print(  # noqa: T201
-                f"error: what was played was not taken within {_FAREWELL.nanoseconds / NANOSECONDS:g} s by every "
-                f"listener of {', '.join(late) or 'its topics'}",
-                file=sys.stderr,
+            tell_error(
+                "play_bag",
+                f"what was played was not taken within {_FAREWELL.nanoseconds / NANOSECONDS:g} s by every listener of "
+                f"{', '.join(late) or 'its topics'}",
             )
 
     def _who_was_deaf(self) -> str:

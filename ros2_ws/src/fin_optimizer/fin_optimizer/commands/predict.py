@@ -12,8 +12,8 @@ from fin_optimizer.calibration.fish_file import read_fish
 from fin_optimizer.calibration.recorded import read_folder
 from fin_optimizer.calibration.swims import SHORTEST, usable
 from fin_plant import checks
+from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
-from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from fin_optimizer.calibration.errors import Errors
 
-_BAD_INPUT, _INTERRUPTED = 2, 130
 _WINDOWS = (
     "Errors in true time: of the mean forward speed over the last 2 s and of the mean turning rate from the end of "
     "what was given to the swim's end (swims with a bias only), both relative; of the position, m, 3 s after the "
@@ -116,17 +115,10 @@ def _cell(value: float | None, factor: float, digits: int, unit: str, width: int
     return ("-" if value is None or math.isnan(value) else f"{factor * value:.{digits}f}{unit}").rjust(width)
 
 
+@command("predict")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Predict; return 0, 2 for input that cannot be used, 130 for Ctrl-C."""
-    if arguments is None:
-        end_when_output_closes()
-    try:
-        return _run(_parser().parse_args(arguments))
-    except (ValueError, OSError) as error:
-        sys.stderr.write(f"predict: error: {error}\n")
-        return _BAD_INPUT
-    except KeyboardInterrupt:
-        return _INTERRUPTED
+    return _run(_parser().parse_args(arguments))
 
 
 if __name__ == "__main__":

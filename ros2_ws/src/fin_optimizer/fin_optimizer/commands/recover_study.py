@@ -7,9 +7,10 @@ import sys
 from typing import TYPE_CHECKING
 
 from fin_optimizer.plan import StudyPlan
-from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.recovery import recover
 from fin_plant.checks import counted
+from fin_plant.command import command
+from fin_plant.output import go_on_when_output_closes
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from fin_optimizer.study.recovery import Recovery
 
 
+@command("recover_study", when_output_closes=go_on_when_output_closes)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Recover a study; return 0, or 2 if that cannot be done."""
     parser = argparse.ArgumentParser(
@@ -31,12 +33,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     folder = parser.parse_args(arguments).study
     try:
         recovery = recover(folder, _search(folder))
-    except StudyError as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
     except OSError as error:
-        sys.stderr.write(f"error: cannot write the journal of {folder}: {error.strerror or error}\n")
-        return 2
+        msg = f"cannot write the journal of {folder}: {error.strerror or error}"
+        raise ValueError(msg) from None
     said = [f"{folder}: the journal is as it should be, nothing to recover"] if recovery is None else _said(recovery)
     sys.stdout.writelines(f"{line}\n" for line in said)
     return 0

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.repair import repair_bags
+from fin_plant.command import command, tell_error
+from fin_plant.output import go_on_when_output_closes
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
+@command("repair_bags", when_output_closes=go_on_when_output_closes)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Repair what is asked for; return 0, or 2 if a bag could not be repaired."""
     parser = argparse.ArgumentParser(
@@ -26,7 +29,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             repairs = repair_bags(path)
         except BagError as error:
-            sys.stderr.write(f"error: {error}\n")
+            tell_error("repair_bags", error)
             code = 2
             continue
         for repair in repairs:

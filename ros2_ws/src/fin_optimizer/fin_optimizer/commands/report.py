@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from fin_optimizer.study.file_names import JOURNAL_FILE, SETTINGS_FILE
 from fin_optimizer.study.folder import bags_in, read_settings
-from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.provenance import provenance
 from fin_optimizer.study.records import read_ledger
 from fin_plant import json_file
-from fin_plant.output import end_when_output_closes
+from fin_plant.command import command
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -174,10 +173,9 @@ def write_report(folders: Sequence[Path], output: Path | None = None, fish_file:
     return target
 
 
+@command("report")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write a report; return 0, or 2 if it cannot be."""
-    if arguments is None:
-        end_when_output_closes()
     parser = argparse.ArgumentParser(
         prog="report",
         description=f"Write a study as {REPORT_FILE}: one file for any browser, with all that it needs inside.",
@@ -203,14 +201,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="what calibrate wrote of the robot that swam the study: which the simulator swims then",
     )
     given = parser.parse_args(arguments)
-    try:
-        target = write_report(given.study, given.output, given.fish)
-    except (StudyError, ValueError) as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
-    except OSError as error:
-        sys.stderr.write(f"error: the report cannot be written: {error}\n")
-        return 2
+    target = write_report(given.study, given.output, given.fish)
     sys.stdout.write(f"report: {target}\n")
     return 0
 

@@ -21,8 +21,8 @@ from fin_optimizer.study.journal import StudyError
 from fin_optimizer.study.resume_check import difference
 from fin_optimizer.words import SPEED, SPREAD, trial_name, with_unit
 from fin_plant import checks
+from fin_plant.command import command, tell_error
 from fin_plant.fin import FIN_PARAMETERS
-from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -36,13 +36,12 @@ if TYPE_CHECKING:
     """A bag, what its trial achieved by name and unit, and its metadata."""
 
 
+@command("score_bag")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the score of each bag; return 0, or 2 if one has none that should have one.
 
     Of a study, the bags of trials without a score are told and left out, and the other scores must be the journal's.
     """
-    if arguments is None:
-        end_when_output_closes()
     parser = _parser()
     words = parser.parse_args(arguments)
     as_table = words.csv or words.json
@@ -188,7 +187,7 @@ def _tell_unguarded(bags: Sequence[bool]) -> None:
 
 
 def _tell(error: str) -> bool:
-    sys.stderr.write(f"error: {error}\n")
+    tell_error("score_bag", error)
     return True
 
 

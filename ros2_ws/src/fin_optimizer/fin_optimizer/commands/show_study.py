@@ -19,8 +19,8 @@ from fin_optimizer.study.report import varied
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import in_words, show_number, trial_name
 from fin_plant import checks
+from fin_plant.command import command, tell_error
 from fin_plant.figures import FORMATS, check_picture
-from fin_plant.output import end_when_output_closes
 from fin_plant.paths import given_path
 
 if TYPE_CHECKING:
@@ -188,10 +188,9 @@ def _title(settings: Settings, trials: Sequence[TrialRecord]) -> str:
     return f"{goals}, {repeats} {'swim' if repeats == 1 else 'swims'} a fin: {said}"
 
 
+@command("show_study")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Show a study; return 0, 1 if a picture of it could not be drawn, 2 if there is no study."""
-    if arguments is None:
-        end_when_output_closes()
     parser = argparse.ArgumentParser(prog="show_study", description="Show a study's fins, the best first.")
     parser.add_argument("study", type=given_path, nargs="?", metavar="STUDY", help="its folder; it may be under way")
     parser.add_argument("--all", action="store_true", help="every fin, not only the best 20")
@@ -217,14 +216,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     picture = given.plot
     if picture is not None and (picture == _NO_PATH or picture.is_dir()):
         picture = (given.study if picture == _NO_PATH else picture) / FIGURE_FILE
-    try:
-        if picture is not None:
-            check_picture(picture)
-        settings, (trials, fish) = read_settings(given.study), read_ledger(given.study)
-        goal = None if given.goal is None else _goal(settings, given.goal, picture)
-    except (ValueError, OSError) as error:
-        sys.stderr.write(f"error: {error}\n")
-        return 2
+    if picture is not None:
+        check_picture(picture)
+    settings, (trials, fish) = read_settings(given.study), read_ledger(given.study)
+    goal = None if given.goal is None else _goal(settings, given.goal, picture)
     from rich.console import Console  # noqa: PLC0415  (as above)
 
     console = Console()
@@ -257,13 +252,14 @@ def _draw(
 ) -> int:
     """Draw a study's pictures; return 0, or 1 if one could not be drawn."""
     if all(trial.score is None for trial in trials):
-        sys.stderr.write(f"error: {path} is not drawn: no trial has a score yet\n")
+        tell_error("show_study", f"{path} is not drawn: no trial has a score yet")
         return 1
     from fin_optimizer.study.pictures import draw_study  # noqa: PLC0415  (likewise)
 
     drawn, failures = draw_study(path, settings, trials, fish, goal)
     sys.stdout.writelines(f"picture: {each}\n" for each in drawn)
-    sys.stderr.writelines(f"error: {failure}\n" for failure in failures)
+    for failure in failures:
+        tell_error("show_study", failure)
     return 1 if failures else 0
 
 

@@ -49,6 +49,7 @@ from fin_optimizer.paper.space_campaign import (
 )
 from fin_optimizer.search.algorithms import ALGORITHMS
 from fin_plant import checks, json_file
+from fin_plant.command import command
 from fin_plant.paths import given_path
 from fin_sim.chain import REACTIVE_FORMS
 from fin_sim.presets import PRESETS, preset
@@ -62,7 +63,6 @@ if TYPE_CHECKING:
 
     AnyRun = Run | SpaceRun
 
-_INTERRUPTED, _REFUSED = 130, 2
 _OF_A_SPACE = ("algorithm", "runs", "swims", "goal", "constraint", "fish", "fin", "reactive", "duration", "settle")
 _OF_THE_PAPERS = (
     "variant",
@@ -377,8 +377,9 @@ def _carried_out(
     return results
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command: exit 0 when done, 2 for what is refused, 130 when interrupted."""
+@command("campaign", when_output_closes=None)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return 0 when done, 2 for what is refused, 130 when interrupted."""
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     try:
         options = _parser().parse_args(arguments)
@@ -386,13 +387,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for report in (folder / "paper.md", folder / space_report.REPORT):
             if report.exists():
                 sys.stdout.write(report.read_text(encoding="utf-8"))
-    except ValueError as error:
-        console.print(f"campaign: error: {error}", markup=False)
-        sys.exit(_REFUSED)
     except KeyboardInterrupt:
         console.print("campaign: interrupted; the same command again goes on with the runs that are missing")
-        sys.exit(_INTERRUPTED)
+        raise
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -11,6 +11,7 @@ from fin_optimizer.study.file_names import FIGURE_FILE, PICTURES
 from fin_optimizer.study.pictures import draw_study
 from fin_optimizer.words import near, show_speed, show_values
 from fin_plant.checks import counted
+from fin_plant.command import error_line
 
 if TYPE_CHECKING:
     from fin_optimizer.study.ledger import Study
@@ -31,7 +32,9 @@ def write_report(study: Study) -> list[str]:
     try:
         write_table(study)
     except OSError as error:
-        told.append(f"error: the report in {study.folder} cannot be written: {error.strerror or error}")
+        told.append(
+            error_line("optimizer", f"the report in {study.folder} cannot be written: {error.strerror or error}")
+        )
     if study.best() is not None:
         failures = draw_study(study.folder / FIGURE_FILE, study.settings, study.trials, study.fish)[1]
         told += [f"warning: {failure}" for failure in failures]

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from fin_plant.command import command
 from fin_plant.paths import given_path
 from fin_sim.validation import (
     convergence,
@@ -33,13 +34,13 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+@command("validation", when_output_closes=None)
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return 0, 1 where a figure of the project's own misses its target, 2 for bad input."""
     options = _parser().parse_args(arguments)
     if not (options.data / "cases").is_dir():
-        message = f"validation: error: {options.data} has no folder cases: run in the repository or give --data"
-        print(message, file=sys.stderr)  # noqa: T201
-        return 2
+        msg = f"{options.data} has no folder cases: run in the repository or give --data"
+        raise ValueError(msg)
     figures = options.docs / "figures"
     figures.mkdir(parents=True, exist_ok=True)
     parts = (
