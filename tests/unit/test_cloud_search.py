@@ -173,6 +173,55 @@ def test_what_lies_between_the_fish_of_a_cloud_is_believed_where_few_are_near() 
     assert narrow.sum() ** 2 / (narrow**2).sum() < 6.0, "the weights alone would have collapsed"
 
 
+FARTHER = 2.0 - np.sqrt(3.0)
+"""Of two fish that count fully and two that count so much less, three count: (2 + 2 q)^2 / (2 + 2 q^2) = 3."""
+
+
+def thin_cloud() -> Cloud:
+    """Return a cloud of 150 fish, of which three are to count: 0 and 1 swim the first fin as it is measured.
+
+    2 and 3 swim it faster by sqrt(2000) times the noise of 1 %, and nobody believes in the others.
+    """
+    speeds = np.full((150, 2), 0.05)
+    speeds[:4, 0] = 0.03 * np.exp(0.01 * np.sqrt([0.0, 0.0, 2000.0, 2000.0]))
+    speeds[:4, 1] = [0.02, 0.04, 0.03, 0.06]
+    return Cloud(speeds, np.where(np.arange(150) < 4, 0.0, -1e6), np.array([[0.0], [30.0]]), 0.01, 0.0)
+
+
+def test_as_many_fish_count_as_are_to_by_a_power_of_their_likelihood() -> None:
+    even, apart = np.zeros(4), np.array([0.0, 0.0, 1e3, 1e3])
+    assert cloud_module._softened(even, even, 4.0) is None
+    assert cloud_module._softened(np.zeros(2), np.array([0.0, 1.0]), 1.5) is None, "1.65 count"
+    softened = cloud_module._softened(even, apart, 3.0)
+    assert softened == pytest.approx(np.array([1.0, 1.0, FARTHER, FARTHER]) / (2.0 + 2.0 * FARTHER))
+    least = cloud_module._softened(even, 1e3 * apart, 3.0)  # the power is exp(-10) at least
+    assert least is not None
+    assert np.log(least[2] / least[0]) == pytest.approx(-1e6 * np.exp(-10.0))
+
+
+def test_neighbours_weigh_by_bayes_or_are_as_many_as_are_to_count() -> None:
+    found = thin_cloud().neighbours(np.array([0]), np.array([0.03]))
+    expected = np.array([1.0, 1.0, FARTHER, FARTHER]) / (2.0 + 2.0 * FARTHER)
+    assert found[:4] == pytest.approx(expected)
+    assert not found[4:].any()
+    cloud = Cloud(SPEEDS, np.log([0.2, 0.5, 0.3]), PLACES, 0.1, 0.2)
+    tried, scores = np.array([0, 1]), np.array([0.036, 0.024])
+    assert cloud.neighbours(tried, scores) == pytest.approx(cloud.belief(tried, scores).weights)
+
+
+def test_what_lies_around_fish_that_are_near_is_a_gaussian_narrower_than_they_are_spread() -> None:
+    belief = thin_cloud().belief(np.array([0]), np.array([0.03]))
+    weights = np.array([1.0, 1.0, FARTHER, FARTHER]) / (2.0 + 2.0 * FARTHER)
+    logarithms = np.log(thin_cloud().speeds[:4])
+    around = 0.36 * np.cov(logarithms.T, aweights=weights, ddof=0)
+    left = np.log(0.03) - logarithms[:, 0]
+    total = around[0, 0] + 0.01**2
+    likely = np.exp(-0.5 * left**2 / total)
+    assert belief.weights == pytest.approx(likely / likely.sum()), "of 150 fish four are left"
+    assert belief.logarithms == pytest.approx(logarithms + np.outer(left, around[0]) / total)
+    assert belief.covariance == pytest.approx(around - np.outer(around[0], around[0]) / total, abs=1e-12)
+
+
 def test_places_are_drawn_evenly_by_their_weights() -> None:
     drawn = cloud_module._systematic(np.array([0.5, 0.25, 0.25]), 8, np.random.default_rng(1))
     assert drawn.tolist() == [0, 0, 0, 0, 1, 1, 2, 2]

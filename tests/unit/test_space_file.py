@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from fin_optimizer.parameters import OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
+from fin_optimizer.search import rules
 from fin_optimizer.search.algorithms import ALGORITHMS, search
 from fin_optimizer.search.rules import gait_of
 from fin_optimizer.search.space import Choice, Dimension, Evaluation, generator, uniform
@@ -195,6 +196,39 @@ def test_conditions_bound_what_the_servo_gives(folder: Path) -> None:
     assert 1.4 < fastest <= 1.5  # the torque rises with the square of the frequency
 
 
+def test_points_of_a_profile_begin_halfway_between_root_and_tip_and_leave_the_start_as_it_was(folder: Path) -> None:
+    start = {**START, "fin.height": 0.02, "fin.tip_height": 0.03}
+    path = folder / "my_space.yaml"
+    path.write_text("search: {fin.profile_height: {points: 1, minimum: 10 mm, maximum: 50 mm}}", encoding="utf-8")
+    found = read_space(path, start)
+    assert found.start == {**start, "fin.profile_position": [0.5], "fin.profile_height": [0.025]}
+    assert start["fin.profile_position"] == []
+    with pytest.raises(ValueError, match=r"has points, and the fin has fin.profile_position = \[0.5\]: leave one of"):
+        read_space(path, found.start)
+
+
+def test_sheets_are_the_first_that_is_searched_and_give_what_a_tie_may_not_set(folder: Path) -> None:
+    searched = "search: {fin.length: {minimum: 4 cm, maximum: 5 cm, log: false, step: 5 mm}}\nties: {fin.volume: fixed}"
+    alone, stocked = read(folder, searched), read(folder, searched + SHEETS)
+    assert alone.space.names == ("fin.length",)
+    assert stocked.space.names == ("stock", "fin.length")
+    assert [tie.by for found in (alone, stocked) for tie in found.rules.ties] == ["thickness", "heights"]
+    given = {"fin.young_modulus", "fin.thickness", "fin.density"}
+    assert alone.start.keys() == START.keys() - {"fin.length"}
+    assert stocked.start.keys() == alone.start.keys() - given
+
+
+def test_three_names_at_most_are_proposed(folder: Path) -> None:
+    with pytest.raises(ValueError, match=r"gait.joint_2.bias is not .*: did you mean ") as refused:
+        read(folder, "search: {gait.joint_2.bias: {minimum: 0, maximum: 0.1}}")
+    assert str(refused.value).count(" or ") == 2
+
+
+def test_a_file_that_is_not_there_is_told(folder: Path) -> None:
+    with pytest.raises(ValueError, match=r"^space .*nowhere\.yaml cannot be read: No such file"):
+        read_space(folder / "nowhere.yaml", START)
+
+
 def test_stock_may_lie_in_a_file_beside_it(folder: Path) -> None:
     (folder / "drawer.yaml").write_text(SHEETS.removeprefix("\nstock:\n"), encoding="utf-8")
     found = read(folder, "stock: drawer.yaml")
@@ -252,11 +286,11 @@ LENGTH = "fin.length: {minimum: 40 mm, maximum: 140 mm}"
         ),
         (
             f"search: {{{LENGTH}}}\nties: {{fin.area: 0.1 m^2}}",
-            "of 2000 candidates drawn from the space none can be: 2000 fail the ties fin.area .*fin.height = ",
+            "of 20 candidates drawn from the space none can be: 20 fail the ties fin.area .*fin.height = ",
         ),
         (
             f"search: {{{LENGTH}}}\nconditions: [fin.length >= 20 cm]",
-            r"2000 fail the condition fin.length >= 20 cm \(fin.length >= 20 cm is not met: 0.\d+ m >= 0.2 m is wrong",
+            r"20 fail the condition fin.length >= 20 cm \(fin.length >= 20 cm is not met: 0.\d+ m >= 0.2 m is wrong",
         ),
         (f"search: {{{LENGTH}}}\nconditions: fin.length >= 20 cm", "conditions = .* must be a list"),
         (
@@ -274,10 +308,32 @@ LENGTH = "fin.length: {minimum: 40 mm, maximum: 140 mm}"
         ("stock: ../drawer.yaml", "must be sheets, or the name of another .yaml file beside this one"),
         ("search: {}", "it searches nothing"),
         ("serach: {}", "serach is none of them"),
-        ("[1, 2]", "it must be a mapping with search, stock, ties, conditions"),
+        ("[1, 2]", "it must be a mapping with search, stock, ties, conditions$"),
+        ("search: [1]", r"search = \[1\] must be a mapping"),
+        (
+            "search: {zzz: {minimum: 1, maximum: 2}}",
+            "zzz is not a parameter .*: there are fin.young_mod",
+        ),
+        ("search: {fin.length: 3}", "fin.length = 3 must be a mapping with minimum and maximum"),
+        ("search: {fin.length: {minimum: 40 mm}}", "fin.length needs minimum and maximum .*, or choices$"),
+        ("search: {fin.length: {choices: [4 cm, 5 cm], log: true}}", "fin.length: choices stand alone, as a list"),
+        ("search: {fin.length: {choices: 4 cm}}", "fin.length: choices stand alone, as a list"),
+        ("search: {fin.profile_height: 3}", "fin.profile_height needs points"),
+        ("search: {fin.profile_height: {points: 0, minimum: 1 cm, maximum: 2 cm}}", "fin.profile_height: points = 0 "),
+        (
+            """search: {fin.profile_height: {points: 2, minimum: 1 cm, maximum: 2 cm},
+                        'fin.profile_height[2]': {minimum: 1 cm, maximum: 2 cm}}""",
+            r"fin.profile_height\[2\] is searched twice, by itself and as one of 2 points: keep one",
+        ),
+        ("stock: [thin]", r"stock = \['thin'\] must be a mapping of the names of sheets"),
+        ("stock: {}", r"stock = \{\} must be a mapping of the names of sheets"),
+        ("stock: space.yaml", "stock = 'space.yaml' must be sheets, or the name of another .yaml file"),
     ],
 )
-def test_a_slip_is_refused_with_its_numbers(folder: Path, text: str, message: str) -> None:
+def test_a_slip_is_refused_with_its_numbers(
+    folder: Path, text: str, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rules, "_SAMPLES", 20)
     with pytest.raises(ValueError, match=message) as refused:
         read(folder, text)
     assert str(refused.value).startswith(f"space {folder / 'my_space.yaml'}: ")
