@@ -23,6 +23,7 @@ from support.source_tree import (
 # The thin ROS face of each package. Whoever adds a module here moves it out of the core.
 ROS_MODULES = {
     "fin_bringup.benchmarks.lateness",
+    "fin_bringup.page.fish_streams",
     "fin_bringup.page.graph",
     "fin_bringup.live",
     "fin_optimizer.commands.control",

@@ -1,18 +1,15 @@
 """The page's end of the graph: listens, asks and stops, in a thread of its own.
 
 Everything that the board knows is changed in this thread alone: the executor's callbacks, and what pages do, which
-comes as tasks of the executor. The fish's streams belong to a second node, which no executor spins: ten times a second
-the newest message is taken, and nothing of Python runs for the others.
+comes as tasks of the executor.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 import threading
 import time
 import traceback
-from collections import Counter
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,16 +18,13 @@ from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import Marker
 
 from fin_bringup.page.board import Board, Missed, Stop, ended
-from fin_bringup.page.fish_shape import Piece, Shape, Speedometer, from_joints, from_pieces
+from fin_bringup.page.fish_streams import FishStreams
 from fin_bringup.page.offers import PAUSE, RELEASE, REPEAT, START, Guard, Offer
 from fin_optimizer.parameters import OPTIMIZER, SIMULATOR
 from fin_plant import topics
 from fin_plant.discovery import around, look_around
-from fin_plant.fin import node_table
-from fin_plant.messages import nanoseconds_of
 from fin_servo_driver.driver_client import DRIVER, STOP, DriverClient, stop_request
 from fin_servo_driver.requests import Answer, Request, Requests
 
@@ -38,9 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-    from geometry_msgs.msg import Pose, PoseStamped
     from rclpy.client import Client
-    from rclpy.subscription import Subscription
 
     from fin_bringup.page.action_log import ActionLog
     from fin_bringup.page.board import Measured
@@ -51,7 +43,6 @@ _LOOK_PERIOD = 0.5
 _SPIN = 0.05
 _STUDY_SECONDS = 5.0
 """s in which the optimiser must answer."""
-_NEWEST = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
 _EACH_TRIAL = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -60,13 +51,6 @@ _EACH_TRIAL = QoSProfile(
 )
 """The end of a trial must not be lost to the beginning of the next one, which follows at once."""
 _STUDY_ACTIONS = (START, PAUSE, REPEAT)
-_MARKED, _MEASURED = (topics.MARKERS,), (topics.POSE, topics.JOINT_STATES, topics.VELOCITY)
-"""What a simulated fish is seen by, ten times a second however fast it swims, and what a robot is."""
-_FISH = node_table("fin_sim", SIMULATOR)
-_PEDUNCLE_LINK = 0.04
-"""m. A robot does not tell how long its links are; its picture is not to scale."""
-_FIN_RED = 0.9
-"""Of the colour of a marker that is part of the fin; what a servo moves alone is grey."""
 
 
 class GraphClient:
@@ -90,7 +74,7 @@ class GraphClient:
             failed: Called in this client's thread if it ends by a defect.
         """
         self.node = Node("page", namespace=namespace)
-        self._streams = _Streams(namespace)
+        self._streams = FishStreams(namespace)
         self._board, self._guard, self._log, self._tell = Board(session), Guard(), log, tell
         self._executor = EventsExecutor()
         self._executor.add_node(self.node)
@@ -340,95 +324,6 @@ class GraphClient:
         self._board.happened(_clock(), address, text, good=good)
         self._tell_due = 0.0
         self._tell_all(time.monotonic())
-
-
-class _Streams:
-    """The fish as it swims: the newest message of each stream, taken when it is wanted."""
-
-    def __init__(self, namespace: str) -> None:
-        self._node = Node("page_streams", namespace=namespace)
-        self._taken: dict[str, Subscription] = {}
-        self._newest: dict[str, Any] = {}
-        self._speed = Speedometer()
-        self._since = 0
-
-    def close(self) -> None:
-        self._node.destroy_node()
-
-    def begin(self, stamp: int) -> None:
-        """Note that the plant's state begins anew at ``stamp`` ns: the fish may have been put somewhere."""
-        self._since = stamp
-        self._speed.forget()
-
-    def attend(self, *, listen: bool) -> None:
-        """Listen to what there is, or to nothing."""
-        marked = self._node.count_publishers(self._node.resolve_topic_name(topics.MARKERS.name))
-        wanted = {topic.name: topic for topic in (_MARKED if marked else _MEASURED)} if listen else {}
-        for name in self._taken.keys() - wanted.keys():
-            self._node.destroy_subscription(self._taken.pop(name))
-            self._newest.pop(name, None)
-        for name in wanted.keys() - self._taken.keys():
-            topic = wanted[name]
-            self._taken[name] = self._node.create_subscription(topic.type, name, lambda _: None, _NEWEST)
-
-    def frame(self, fin: Any) -> dict[str, Any] | None:
-        """Return the fish as pages are told of it; None where nothing new has come."""
-        came = Counter(self._take())
-        if not came:
-            return None
-        shape = self._marked() if topics.MARKERS.name in self._taken else self._measured(fin)
-        if shape is None or shape.stamp < self._since:
-            return None
-        speed = self._speed.speed(shape)
-        if topics.MARKERS.name not in self._taken:
-            newest = self._newest.get(topics.VELOCITY.name) if came[topics.VELOCITY.name] else None
-            speed = float(newest.twist.linear.x) if newest is not None else None
-        if speed is not None and not math.isfinite(speed):
-            speed = None
-        return {"kind": "frame", "time": shape.stamp / 1e9, "speed": speed, **shape.told()}
-
-    def _take(self) -> list[str]:
-        came = []
-        for name, subscription in self._taken.items():
-            with subscription.handle:
-                while (taken := subscription.handle.take_message(subscription.msg_type, False)) is not None:  # noqa: FBT003  (not raw; a C++ function)
-                    self._newest[name] = taken[0]
-                    came.append(name)
-        return came
-
-    def _marked(self) -> Shape | None:
-        """Return the fish as its markers show it: links come after the body, before it comes the floor of the tank."""
-        markers = self._newest[topics.MARKERS.name].markers
-        body = next((place for place, marker in enumerate(markers) if marker.type == Marker.SPHERE), None)
-        if body is None:
-            return None
-        head, *links = (_piece(each.pose, each.scale.x, each.scale.y) for each in markers[body:])
-        driven = sum(1 for marker in markers[body + 1 :] if marker.color.r < _FIN_RED)
-        return from_pieces(nanoseconds_of(markers[body].header.stamp), head, links, driven)
-
-    def _measured(self, fin: Any) -> Shape | None:
-        pose: PoseStamped | None = self._newest.get(topics.POSE.name)
-        joints = self._newest.get(topics.JOINT_STATES.name)
-        angles = [float(angle) for angle in joints.position] if joints is not None else []
-        headers = [message.header.stamp for message in (pose, joints) if message is not None]
-        if not headers:
-            return None
-        length, width, offset = (float(_FISH[f"body.{name}"].default) for name in ("length", "width", "tail_offset"))  # type: ignore[arg-type]
-        body = Piece(0.0, 0.0, 0.0, length, width) if pose is None else _piece(pose.pose, length, width)
-        if not all(map(math.isfinite, (body.x, body.y, body.heading, *angles))):
-            return None
-        try:
-            fin_length = float(fin.get("fin.length", ""))
-        except ValueError:
-            fin_length = float(_FISH["fin.length"].default)  # type: ignore[arg-type]
-        lengths = [*[_PEDUNCLE_LINK] * (len(angles) - 1), fin_length]
-        return from_joints(max(map(nanoseconds_of, headers)), body, offset, lengths, angles or [0.0])
-
-
-def _piece(pose: Pose, length: float, width: float) -> Piece:
-    turn = pose.orientation
-    heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
-    return Piece(float(pose.position.x), float(pose.position.y), heading, float(length), float(width))
 
 
 def _values(status: DiagnosticStatus) -> dict[str, str]:
