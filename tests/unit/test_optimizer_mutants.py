@@ -100,6 +100,7 @@ TESTS = {
         "test_space_file.py::test_the_short_form_beside_a_file_is_refused",
         "test_space_file.py::test_a_study_goes_on_with_its_copy_and_refuses_another_file",
     ],
+    "thinking": ["test_thinking.py"],
     "score/swim": ["test_swim_score.py", "test_measured.py"],
     "score/measured": ["test_measured.py", "test_swim_score.py"],
     "score/mean_speed": ["test_score_limits.py", "test_score.py"],

@@ -22,7 +22,6 @@ from fin_optimizer.mode import Mode
 from fin_optimizer.parameters import OPTIMIZER, OPTIMIZER_PARAMETERS
 from fin_optimizer.plan import StudyPlan
 from fin_optimizer.progress import display, show_best
-from fin_optimizer.search.told import Simulating
 from fin_optimizer.study import final_report
 from fin_optimizer.study.candidate import is_for_another
 from fin_optimizer.study.journal import StudyError
@@ -30,9 +29,10 @@ from fin_optimizer.study.provenance import provenance
 from fin_optimizer.study.records import ASKED_FOR_AGAIN, VALUES
 from fin_optimizer.study.report import CSV_FILE
 from fin_optimizer.study.resume_check import check_scores
+from fin_optimizer.thinking import Thinking
 from fin_optimizer.trial.result import Outcome, Result
 from fin_optimizer.trial.swimmer import Conditions, Swimmer
-from fin_optimizer.words import near, show_values, trial_name
+from fin_optimizer.words import near, trial_name
 from fin_plant import node_process, topics
 from fin_plant.checks import counted
 from fin_plant.command import EXIT_FAILURE, EXIT_OK, error_line
@@ -82,7 +82,6 @@ class Optimizer:
         self._mode = Mode.RUNNING if self._plan.autostart else Mode.HOLDING
         self._exit_code: int | None = None
         self._failures_in_a_row = 0
-        self._simulates = False
         self._health_due = self._show_due = 0.0
         self._start_at = clock() + _DISCOVERY
         self._metadata = self._study_metadata()
@@ -98,6 +97,7 @@ class Optimizer:
         self._offer()
         several = len(self._swimmers) > 1
         self._display = display(sys.stdout, self._total, self._study.settled(), several=several, clock=clock)
+        self._thinking = Thinking(self._plan.search, self._plan.stop_regret, self._display)
         self._greet()
 
     @property
@@ -258,34 +258,19 @@ class Optimizer:
         if self._study.settled() >= self._total:
             self._complete("the study is complete")
             return _IDLE_PERIOD
-        search = self._plan.search
-        if not isinstance(search, Simulating):
-            return None
-        done = search.prepare(self._study.history)
-        if done < 1.0:
-            if not self._simulates:
-                self._display.say("simulating a cloud of fish with every fin first: some minutes, once for these fins")
-            self._simulates = True
-            self._display.show("simulating", f"{done:.0%} of the cloud of fish")
+        if self._thinking.goes_on(self._study.history):
             return 0.0
-        if not self._knows_enough(search):
+        if not self._thinking.knows_enough(self._study.history):
             return None
         if all(swimmer.trial is None for swimmer in self._swimmers):
             self._complete("enough is known")
         return _IDLE_PERIOD
 
-    def _knows_enough(self, search: Simulating) -> bool:
-        """Whether the best fin is expected to miss less than another trial would be worth."""
-        scored = any(entry.score is not None for entry in self._study.history)
-        return scored and search.told(self._study.history).regret < self._plan.stop_regret
-
     def _complete(self, why: str) -> None:
         """End the study; a search that simulates says how sure it is of its best."""
         self._cancel(why)
-        search = self._plan.search
-        if isinstance(search, Simulating) and search.prepare(self._study.history) == 1.0:
-            told = search.told(self._study.history)
-            self._display.say(f"{why}; expected to be fastest: {show_values(told.best)}, {told.text}")
+        if conclusion := self._thinking.conclusion(self._study.history):
+            self._display.say(f"{why}; {conclusion}")
         self._finish(EXIT_OK)
 
     def _begin(self, swimmer: Swimmer, record: TrialRecord) -> None:
