@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from plotly.offline import get_plotlyjs
 
 from fin_optimizer.goals import Goals
 from fin_optimizer.report import figures
 from fin_optimizer.report.film import film_of
-from fin_optimizer.report.page import html_of
+from fin_optimizer.report.page import html_of, unwrapped
 from fin_optimizer.report.parts import Facts, Film, Page, Plot, Section, Table
 from fin_optimizer.report.simulated import KeptSpeeds, Map, map_of, numbers_of, to_swim_again
 from fin_optimizer.report.study_facts import StudyFacts, simulate
@@ -92,6 +93,17 @@ def test_a_page_is_one_small_file_that_refers_to_nothing_outside(facts: StudyFac
     assert "default-src 'none'" in text  # a browser refuses whatever would be fetched all the same
     own = re.sub(r'<script type="text/plain" id="bundle">.*?</script>', "", text, flags=re.DOTALL)
     assert not re.search(r"https?:|url\(|@import", own)
+
+
+def test_plotly_stands_in_a_page_without_a_function_around_it_and_whole_where_its_wrapping_is_another() -> None:
+    whole = get_plotlyjs()
+    bare = unwrapped(whole)
+    assert len(whole) - 400 < len(bare) < len(whole)
+    assert bare.startswith("/**\n* plotly.js v")
+    assert '*/\n"use strict";var Plotly=' in bare[:300]
+    assert bare.endswith("window.Plotly = Plotly;")
+    other = "(function(e){e.Plotly = 1})(window);"
+    assert unwrapped(other) == other
 
 
 def test_what_a_laboratory_writes_is_text_and_never_markup() -> None:

@@ -54,6 +54,17 @@
   const drawMissing = () => plots.filter((plot) => !plot.isDrawn).forEach((plot) => draw(plot));
   const redraw = () => plots.filter((plot) => plot.isDrawn).forEach((plot) => draw(plot));
 
+  /** Run a script; return whether it could be read. */
+  function run(what) {
+    const script = Object.assign(document.createElement("script"), what);
+    return new Promise((resolve) => {
+      script.onload = () => resolve(true);
+      script.onerror = () => resolve(false);
+      document.head.append(script);
+      if (what.textContent !== undefined) resolve(true); // it ran as it was put there
+    });
+  }
+
   async function loadPlotly() {
     const bundle = document.getElementById("bundle");
     if (bundle === null) return false;
@@ -63,11 +74,10 @@
     }
     const packed = await fetch(`data:application/gzip;base64,${bundle.textContent}`);
     const stream = packed.body.pipeThrough(new DecompressionStream("gzip"));
-    const script = document.createElement("script");
-    script.textContent = await new Response(stream).text();
-    document.head.append(script);
-    script.remove();
+    const file = new Blob([await new Response(stream).arrayBuffer()], { type: "text/javascript" });
     bundle.remove();
+    // As a file, which the browser compiles beside the page's own thread; as text where it takes no such file.
+    if (!(await run({ src: URL.createObjectURL(file) }))) await run({ textContent: await file.text() });
     return true;
   }
 
