@@ -10,17 +10,21 @@ import pytest
 
 from fin_optimizer.search import gp
 from fin_optimizer.search.features import Features
-from fin_optimizer.search.gaussian_process import GaussianProcess, Kernel
+from fin_optimizer.search.gaussian_process import GaussianProcess, Kernel, Likelihood, log_improvement, log_met
 from fin_optimizer.search.gp import GpSearch
 from fin_optimizer.search.quasi_random import QuasiRandom
 from fin_optimizer.search.random_search import RandomSearch
-from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space, best, pareto_front
+from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space, best, pareto_front, uniform
 from fin_optimizer.search.stock import Sheet, sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from fin_optimizer.search.space import Scalar
+
+    Array = NDArray[np.float64]
 
 PLANE = Space((Dimension("x", 0.0, 1.0), Dimension("y", 10.0, 30.0)))
 MODULUS = Dimension("fin.young_modulus", 1e8, 1e10, "Pa", log=True)
@@ -164,6 +168,7 @@ def test_of_very_many_the_best_and_the_latest_are_modelled(monkeypatch: pytest.M
     assert gp._chosen([entry.score for entry in history[:8]]) == [0, 3, 5, 5, 6, 7][:0] + sorted({0, 3, 4} | {5, 6, 7})
 
 
+@pytest.mark.long
 def test_with_more_scores_than_are_climbed_with_at_first_all_count_at_last(monkeypatch: pytest.MonkeyPatch) -> None:
     """The kernel from a part of the scores is near that from all, and the last climb makes it likelier."""
     random = np.random.default_rng(1)
@@ -175,6 +180,281 @@ def test_with_more_scores_than_are_climbed_with_at_first_all_count_at_last(monke
     monkeypatch.setattr(gp, "_MOST_FOR_START", 20)
     part = gp._likely_kernel(features, scores, groups, np.random.default_rng(2))
     assert part.logarithms == pytest.approx(whole.logarithms, abs=0.1)
+
+
+class Climbed:
+    """A likelihood that notes what it is climbed with and stays where it begins."""
+
+    made: list[tuple[Array, list[Array], int]]
+    start = np.log([0.5, 0.6, 1.0, 1e-3])
+    bounds = Likelihood(np.array([[0.0, 0.0], [1.0, 0.5]]), np.array([0.0, 1.0]), np.array([0, 1])).bounds
+
+    def __init__(self, features: Array, scores: Array, groups: Array) -> None:
+        assert groups.tolist() == [0, 1]
+        assert features[:, 0].tolist() == scores.tolist(), "each with its own"
+        self._scores = scores
+
+    def best(self, starts: list[Array], steps: int) -> Array:
+        """Return the first start."""
+        self.made.append((self._scores, starts, steps))
+        return starts[0]
+
+
+def test_the_likelihood_is_climbed_with_the_best_scores_and_some_others_from_several_starts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Half of those with which it begins are the best; at last it is climbed with all, from the best end."""
+    monkeypatch.setattr(gp, "Likelihood", Climbed)
+    monkeypatch.setattr(gp, "_MOST_FOR_START", 4)
+    scores = np.array([0.5, 3.0, -1.0, 7.0, 0.0, 1.0, 2.0])
+    groups = np.array([0, 1])
+    low, high = np.array(Climbed.bounds).T
+    for seed in range(20):
+        Climbed.made = []
+        few = gp._likely_kernel(np.column_stack((scores, scores))[:4], scores[:4], groups, np.random.default_rng(seed))
+        ((used, starts, steps),) = Climbed.made
+        assert used.tolist() == scores[:4].tolist()
+        assert steps == 30
+        spread = 2.0 * np.random.default_rng(seed).standard_normal((2, 4))
+        assert np.array(starts) == pytest.approx(np.vstack((Climbed.start, np.clip(Climbed.start + spread, low, high))))
+        assert few.logarithms == pytest.approx(Climbed.start)
+        Climbed.made = []
+        gp._likely_kernel(np.column_stack((scores, scores)), scores, groups, np.random.default_rng(seed))
+        (first, _, _), (last, ends, steps) = Climbed.made
+        assert len(set(first.tolist())) == 4
+        assert {3.0, 7.0} < set(first.tolist())
+        assert (last.tolist(), len(ends), steps) == (scores.tolist(), 1, 12)
+
+
+KERNEL = Kernel(np.array([0.01, 0.01]), 1.0, 0.5)
+"""Of which places of `PLANE` that are far from each other tell nothing of each other."""
+
+
+def at(x: float, score: float | None, *, excesses: tuple[float, ...] = (), pending: bool = False) -> Evaluation:
+    return Evaluation({"x": x, "y": 20.0}, score, (), excesses, pending=pending)
+
+
+def promised(history: Sequence[Evaluation], monkeypatch: pytest.MonkeyPatch) -> gp._Promise:
+    """Return what is promised after a history, with `KERNEL` for scores and excesses."""
+    made: list[gp._Promise] = []
+
+    def noted(promise: gp._Promise, pool: Array) -> Array:
+        made.append(promise)
+        return np.asarray(pool[0])
+
+    monkeypatch.setattr(gp, "_likely_kernel", lambda *_: KERNEL)
+    monkeypatch.setattr(gp._Promise, "best_of", noted)
+    GpSearch(PLANE, 3)._most_promising(history, np.random.default_rng(1))
+    return made[0]
+
+
+def alone(process: GaussianProcess, score: float, times: int) -> float:
+    """Return what is expected where a score was told so often, and of which no other place tells."""
+    return process.mean + (score - process.mean) * times / (times + 0.5)
+
+
+def places(*x: float) -> Array:
+    return np.column_stack((x, np.full(len(x), 0.5)))
+
+
+def test_the_best_is_the_one_that_is_surely_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At x = 0.9 one swim was the fastest, but at 0.1 eight were nearly as fast."""
+    history = [at(0.5, 0.0), *(at(0.1, 2.0) for _ in range(8)), at(0.9, 2.4), at(0.3, -1.0)]
+    found = promised(history, monkeypatch)
+    scores = np.array([0.0, *[2.0] * 8, 2.4, -1.0])
+    standard = (scores - scores.mean()) / scores.std()
+    assert found.best == pytest.approx(alone(found.process, standard[1], 8))
+    assert alone(found.process, standard[9], 1) < alone(found.process, standard[1], 8) < standard[9]
+    assert found.limits == ()
+    assert found.tried.tolist() == places(0.5, *[0.1] * 8, 0.9, 0.3).tolist()
+    assert found.process.predict(places(0.9))[0] == pytest.approx(alone(found.process, standard[9], 1))
+
+
+def test_equal_scores_are_no_reason_to_divide_by_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert promised([at(x, 0.02) for x in (0.1, 0.5, 0.9)], monkeypatch).best == pytest.approx(0.0)
+
+
+def test_what_failed_is_as_bad_as_the_worst_and_what_swims_is_as_it_is_expected(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    history = [at(0.1, 1.0), at(0.3, -1.0), at(0.5, None), at(0.7, None, pending=True), at(0.9, 0.0)]
+    process = promised(history, monkeypatch).process
+    worst = -1.0 / np.std([1.0, -1.0, 0.0])
+    assert process.predict(places(0.5))[0] == pytest.approx(alone(process, worst, 1))
+    # The believed score is what was expected before: the mean, 0, of what had a score.
+    assert process.predict(places(0.7))[0] == pytest.approx(alone(process, 0.0, 1))
+    only = promised([*history[:2], history[3], history[4]], monkeypatch).process
+    assert only.mean == pytest.approx(0.0), "and nothing failed"
+    assert only.predict(places(0.5))[1][0] > only.predict(places(0.7))[1][0]
+
+
+def test_the_best_is_one_that_meets_the_constraints_and_each_has_a_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    told = [(0.1, 5.0, 2.0), (0.3, 1.0, -1.0), (0.5, 0.0, -2.0), (0.9, 4.0, 0.2)]
+    history = [at(x, score, excesses=(excess, 3.0 * excess)) for x, score, excess in told]
+    swims = at(0.7, None, pending=True)
+    found = promised([*history, swims], monkeypatch)
+    scores = np.array([score for _, score, _ in told])
+    standard = (scores - scores.mean()) / scores.std()
+    assert found.best == pytest.approx(alone(found.process, standard[1], 1))
+    for limit, factor in zip(found.limits, (1.0, 3.0), strict=True):
+        raw = np.arcsinh(factor * np.array([excess for _, _, excess in told]))
+        told_of = raw / raw.std()
+        expected = [alone(limit, each, 1) for each in told_of]
+        assert limit.predict(places(0.1, 0.3, 0.5, 0.9))[0] == pytest.approx(expected)
+        assert limit.mean == pytest.approx(told_of.mean()), "what swims is believed to miss as expected"
+        assert limit.predict(places(0.7))[1][0] < 0.6, "as at a place that was measured"
+    none = [at(x, score, excesses=(abs(excess), 0.0)) for x, score, excess in told]
+    assert promised(none, monkeypatch).best is None
+    met = [at(x, score, excesses=(-1.0, -1.0)) for x, score, _ in told]
+    limits = promised(met, monkeypatch).limits
+    assert limits[0].mean == pytest.approx(-math.asinh(1.0)), "of one excess it is the number itself"
+
+
+def test_climbs_begin_near_the_best_that_meet_the_constraints(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gp, "_CLIMBS", 2)
+    given: list[Array] = []
+    drawn = GpSearch._pool
+
+    def noted(search: GpSearch, good: Array, random: np.random.Generator) -> Array:
+        given.append(good)
+        return drawn(search, good, random)
+
+    monkeypatch.setattr(GpSearch, "_pool", noted)
+    promised([at(0.1, 5.0, excesses=(1.0,)), *(at(x, x, excesses=(-1.0,)) for x in (0.3, 0.5, 0.7))], monkeypatch)
+    assert given[0].tolist() == [[0.7, 20.0], [0.5, 20.0]]
+
+
+def test_candidates_are_drawn_everywhere_and_near_the_best(monkeypatch: pytest.MonkeyPatch) -> None:
+    good = np.array([[0.5, 20.0], [0.5, 20.0]])
+    pool = GpSearch(PLANE, 1)._pool(good, np.random.default_rng(1))
+    assert pool.shape == (1400, 2)
+    unit = (pool - [0.0, 10.0]) / [1.0, 20.0]
+    assert [unit[:1000].std(), unit[1000:1200].std(), unit[1200:].std()] == pytest.approx([0.289, 0.1, 0.01], rel=0.07)
+    edge = GpSearch(PLANE, 1)._pool(np.array([[1.0, 10.0]]), np.random.default_rng(1))
+    assert [edge[:, 0].max(), edge[:, 1].min()] == [1.0, 10.0]
+    half = Space(PLANE.dimensions, lambda values: "no" if float(values["x"]) > 0.5 else "")
+    less = GpSearch(half, 1)._pool(good, np.random.default_rng(1))
+    assert less.tolist() == pool[pool[:, 0] <= 0.5].tolist()
+    monkeypatch.setattr(gp, "_POOL", 0)
+    monkeypatch.setattr(gp, "_NEAR", 0)
+    assert GpSearch(half, 1)._pool(good, np.random.default_rng(1)).tolist() == [
+        half.row(uniform(half, np.random.default_rng(1)))
+    ]
+
+
+def limited_promise(best: float | None) -> gp._Promise:
+    """Return a promise over `PLANE` with two constraints."""
+    rows = np.random.default_rng(2).uniform([0.0, 10.0], [1.0, 30.0], (8, 2))
+    features = Features(PLANE)
+    kernel = Kernel(np.full(2, 0.4), 1.0, 1e-4)
+    x, y = features.unit(rows).T
+    process, first, second = (
+        GaussianProcess(features.of(rows), told, features.groups, kernel) for told in (x - y, 0.3 - x, y - 0.6)
+    )
+    return gp._Promise(PLANE, features, process, best, (first, second), features.unit(rows))
+
+
+@pytest.mark.parametrize("best", [None, 0.2])
+def test_a_promise_is_what_is_improved_and_how_likely_each_constraint_is_met(best: float | None) -> None:
+    given = limited_promise(best)
+    rows = np.array([[0.25, 15.0], [0.6, 22.0], [0.9, 28.0]])
+    points = given.features.unit(rows)
+    expected = sum(log_met(*limit.predict(points)) for limit in given.limits)
+    if best is not None:
+        expected = expected + log_improvement(*given.process.predict(points), best, 1e-4)
+    assert given.of(rows) == pytest.approx(expected)
+    tried = np.array([given.tried[0] * [1.0, 20.0] + [0.0, 10.0]])
+    assert given.of(tried)[0] < -1e29
+    for row, point in zip(rows, points, strict=True):
+        value, slope = given._with_slope(point)
+        assert value == pytest.approx(given.of(row[None, :])[0])
+        for column, width in enumerate((1.0, 20.0)):
+            aside = np.zeros(2)
+            aside[column] = 1e-5 * width
+            rise = (given.of((row + aside)[None, :]) - given.of((row - aside)[None, :]))[0]
+            assert slope[column] == pytest.approx(rise / 2e-5, rel=1e-4)
+
+
+def test_the_most_promising_of_a_pool_are_climbed_from_and_the_best_end_or_start_is_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = limited_promise(0.2)
+    pool = np.random.default_rng(3).uniform([0.0, 10.0], [1.0, 30.0], (12, 2))
+    order = pool[np.argsort(-given.of(pool))]
+    begun: list[list[float]] = []
+
+    def down(_: gp._Promise, start: Array) -> Array:
+        begun.append(start.tolist())
+        return np.asarray(order[-1])
+
+    monkeypatch.setattr(gp._Promise, "_climbed", down)
+    assert given.best_of(pool).tolist() == order[0].tolist()
+    assert begun == order[:4].tolist()
+    monkeypatch.setattr(gp._Promise, "_climbed", lambda _, start: order[0] if start[0] == order[3, 0] else order[-1])
+    assert given.best_of(pool[1:] if pool[0, 0] == order[0, 0] else pool).tolist() == order[0].tolist()
+
+
+@pytest.mark.parametrize(
+    ("space", "last", "rounds"), [(PLANE, 9.0, 1), (MIXED, 9.0, 3), (MIXED, 1.0, 2), (MIXED, 0.0, 1)]
+)
+def test_a_climb_goes_round_while_it_leads_on_and_there_are_values_to_change(
+    space: Space, last: float, rounds: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    moves: list[float] = []
+
+    def moved(_: gp._Promise, start: Array) -> Array:
+        moves.append(float(start[0]))
+        return np.asarray(np.minimum(start + 0.5, last))
+
+    monkeypatch.setattr(gp._Promise, "_moved", moved)
+    monkeypatch.setattr(gp._Promise, "_switched", lambda _, start: np.minimum(start + 0.5, last))
+    features = Features(space)
+    given = gp._Promise(space, features, None, None, (), np.zeros((0, 1)))  # type: ignore[arg-type]
+    assert given._climbed(np.zeros(1))[0] == min(float(rounds), last)
+    assert len(moves) == rounds
+
+
+def test_a_climb_stops_where_the_space_refuses_its_end() -> None:
+    rows = np.random.default_rng(2).uniform([0.0, 10.0], [1.0, 30.0], (8, 2))
+    scores = [hill({"x": x, "y": y}) for x, y in rows.tolist()]
+    start = np.array([0.9, 12.0])
+    way = promise(PLANE, rows.tolist(), scores)._moved(start) - start
+    assert way[0] == pytest.approx(0.1), "it ends at the edge of the range"
+    for most, share in ((0.9, 0.5), (0.4, 0.25), (0.2, 0.125), (0.1, 0.0)):
+        within = Space(
+            PLANE.dimensions,
+            lambda values, most=most: "" if abs(float(values["x"]) - 0.9) <= most * abs(way[0]) else "no",  # type: ignore[misc]
+        )
+        moved = promise(within, rows.tolist(), scores)._moved(start)
+        assert moved == pytest.approx(start + share * way)
+
+
+def test_weighted_scores_are_costs_as_shares_of_the_front() -> None:
+    """The front is (0, 3), (1, 2), (2, 1): costs from 0 to 1; what is behind it costs more, as a logarithm."""
+    values = [(0.0, 3.0), (1.0, 2.0), (2.0, 1.0), (-1.0, 0.0), (0.2, -97.0)]
+    history = [Evaluation({"x": 0.5, "y": 20.0}, first, (second,)) for first, second in values]
+    history.insert(2, at(0.5, None))
+    costs = np.array(
+        [[1.0, 0.0], [0.5, 0.5], [0.0, 1.0], [1.0 + np.log(1.5), 1.0 + np.log(1.5)], [0.9, 1 + np.log(50)]]
+    )
+    weights = np.random.default_rng(1).dirichlet([1.0, 1.0])
+    expected = [-max(weights * cost) - 0.05 * sum(weights * cost) for cost in costs]
+    found = gp._single_scores(history, np.random.default_rng(1))
+    assert found[2] is None
+    assert [each for each in found if each is not None] == pytest.approx(expected)
+
+
+def test_where_the_front_is_one_fin_or_none_costs_are_shares_of_all_that_is_known() -> None:
+    weights = np.random.default_rng(1).dirichlet([1.0, 1.0])
+    one = [Evaluation({"x": 0.5, "y": 20.0}, first, (5.0,)) for first in (1.0, 0.5)]
+    assert gp._single_scores(one, np.random.default_rng(1)) == pytest.approx([0.0, -1.05 * weights[0]])
+    missed = [Evaluation({"x": 0.5, "y": 20.0}, first, (second,), (9.0,)) for first, second in ((1.0, 2.0), (3.0, 1.0))]
+    expected = [-1.05 * weights[0], -1.05 * weights[1]]
+    assert gp._single_scores(missed, np.random.default_rng(1)) == pytest.approx(expected)
+
+
+def test_one_objective_is_the_score_itself() -> None:
+    assert gp._single_scores([at(0.1, 3.0), at(0.2, None), at(0.3, 1.0)], np.random.default_rng(1)) == [3.0, None, 1.0]
 
 
 def promise(space: Space, rows: list[list[float]], scores: list[float]) -> gp._Promise:

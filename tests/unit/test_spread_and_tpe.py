@@ -153,6 +153,7 @@ def test_a_copy_has_the_same_objectives() -> None:
     copied = pickle.loads(pickle.dumps(both))  # noqa: S301  (our own)
     assert copied == both
     assert copied.propose(history) == both.propose(history) != Tpe(MIXED, 7).propose(history)
+    assert pickle.dumps(both) == pickle.dumps(Tpe(MIXED, 7, 2, 1)), "no copy carries the trials"
 
 
 def test_a_trial_is_made_anew_only_for_what_is_new(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -184,7 +184,7 @@ class GpSearch:
             unit[random.integers(len(unit), size=_NEAR)] + distance * random.standard_normal((_NEAR, unit.shape[1]))
             for distance in _DISTANCES
         ]
-        pool = self._features.numbers(np.clip(np.vstack([anywhere, *near]), 0.0, 1.0))
+        pool = self._features.numbers(np.vstack([anywhere, *near]))
         pool = np.delete(pool, self.space.refused(pool), axis=0)
         return pool if len(pool) else np.array([self.space.row(uniform(self.space, random))])
 
@@ -277,10 +277,11 @@ class _Promise:
 
     def _with_slope(self, point: Array) -> tuple[float, Array]:
         """Return what a point, shape (features,), promises, whether or not it was tried, and the gradient of that."""
-        parts = [log_met_with_slope(*limit.predict_with_slope(point)) for limit in self.limits]
+        parts = []
         if self.best is not None:
             told = self.process.predict_with_slope(point)
-            parts.insert(0, log_improvement_with_slope(*told, self.best, self.process.kernel.noise))
+            parts.append(log_improvement_with_slope(*told, self.best, self.process.kernel.noise))
+        parts += [log_met_with_slope(*limit.predict_with_slope(point)) for limit in self.limits]
         value, slope = parts[0]
         for more, steeper in parts[1:]:
             value, slope = value + more, slope + steeper
@@ -312,7 +313,7 @@ def _single_scores(history: Sequence[Evaluation], random: np.random.Generator) -
     best, worst = front.max(axis=0), front.min(axis=0)
     level = best <= worst
     best, worst = np.where(level, objectives.max(axis=0), best), np.where(level, objectives.min(axis=0), worst)
-    costs = (best - objectives) / np.where(best > worst, best - worst, 1.0)
+    costs = (best - objectives) / np.where(best > worst, best - worst, np.inf)  # none where all are alike
     costs = np.where(costs > 1.0, 1.0 + np.log(np.maximum(costs, 1.0)), costs)
     weighted = random.dirichlet(np.ones(objectives.shape[1])) * costs
     # f = max_j(w_j c_j) + rho sum_j w_j c_j (Knowles 2006, eq. 2)
@@ -323,8 +324,6 @@ def _single_scores(history: Sequence[Evaluation], random: np.random.Generator) -
 def _chosen(scores: Sequence[float | None]) -> list[int]:
     """Return the places of the scored candidates that are modelled, in order: all, or the best ones and the latest."""
     scored = [place for place, score in enumerate(scores) if score is not None]
-    if len(scored) <= _MOST:
-        return scored
     latest = scored[-_MOST // 2 :]
     earlier = np.array([scores[place] for place in scored[: -_MOST // 2]], dtype=float)
     best = np.argsort(-earlier, kind="stable")[: _MOST - len(latest)]
