@@ -69,6 +69,7 @@ def many(start: Start, folder: Path, trials: int, patience: float) -> None:
     assert all(b[1] <= a[1] + 2 for a, b in zip(before, after, strict=True))
 
 
+@pytest.mark.long
 def test_sixty_trials_leave_memory_and_files_flat(start: Start, tmp_path: Path) -> None:
     many(start, tmp_path / "study", 60, 60.0)
 

@@ -416,7 +416,7 @@ def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, c
 def test_the_trial_under_way_and_the_last_one_are_swum_again_when_somebody_asks(
     start: Start, folder: Path, client: PlantTester, call: Callable[[str], Any]
 ) -> None:
-    start_node(start, "fin_sim", "simulator")
+    start_node(start, "fin_sim", "simulator", "speed:=3.0")
     optimizer = start_optimizer(start, folder, "trials:=2", "autostart:=false", "measurement.duration:=2.0")
     optimizer.wait_for_output("2 fins, seed 1")
     assert call("optimizer/repeat").message == "nothing to repeat: no trial yet"
@@ -479,9 +479,8 @@ def test_a_disk_that_fills_up_ends_the_study_without_loss_and_more_room_lets_it_
         assert [row[column] for row in scored] == [row[column] for row in table(whole)]
 
 
-@pytest.mark.parametrize(
-    "algorithm", ["cma_es", *(pytest.param(name, marks=pytest.mark.long) for name in ("hill_climber", "genetic"))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("algorithm", ["hill_climber", "genetic", "cma_es"])
 def test_modulus_and_length_are_searched_together_at_fixed_area(start: Start, folder: Path, algorithm: str) -> None:
     words = (f"search.algorithm:={algorithm}", "search.length.minimum:=0.06", "search.length.maximum:=0.1")
     assert start_bringup(start, folder, "trials:=6", *words, *SHORT).wait(90) == 0

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from support.processes import StartedProcess
 
 pytestmark = pytest.mark.graph
-OTHER_DEVICES = ("modbus", "maestro", "lcus", "kmtronic")
+OTHER_DEVICES = ("dynamixel", "modbus", "maestro", "lcus", "kmtronic")
 
 
 def play_a_thrust_of_long_ago(domain: int) -> None:
@@ -82,9 +82,8 @@ def test_the_optimiser_works_against_the_hidden_fish_as_against_a_robot(
 
 
 @pytest.mark.timeout(180)
-@pytest.mark.parametrize(
-    "device", ["dynamixel", *(pytest.param(name, marks=pytest.mark.long) for name in OTHER_DEVICES)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("device", OTHER_DEVICES)
 def test_other_devices_swim_too_and_faults_are_survived(
     start: Callable[..., StartedProcess], ros_domain: int, device: str
 ) -> None:

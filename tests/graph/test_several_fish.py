@@ -41,6 +41,7 @@ def parameters(*assigned: str) -> list[str]:
     return [word for one in assigned for word in ("-p", one)]
 
 
+@pytest.mark.long
 def test_a_fish_that_is_killed_is_left_out_and_its_fin_is_swum_by_the_other(start: Start, tmp_path: Path) -> None:
     folder = tmp_path / "study"
     fish = [start("fin_sim", "simulator", "--ros-args", "-r", f"__ns:={name}") for name in FISH]

@@ -98,6 +98,7 @@ def test_three_driven_joints_and_a_passive_fin_swim_a_study_and_go_on_with_it(st
     assert len(read_trials(study)) == 2
 
 
+@pytest.mark.long
 @pytest.mark.timeout(180)
 def test_a_rehearsed_study_drives_three_servos_and_a_passive_fin(start: Start, tmp_path: Path) -> None:
     study = tmp_path / "study"

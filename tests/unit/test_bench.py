@@ -59,6 +59,7 @@ def test_scipy_solves_the_same_equations() -> None:
     assert other_programs.scipy_swim(1e-5) == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_the_command_prints_json(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("mujoco", reason="pip install -r requirements/bench.txt")

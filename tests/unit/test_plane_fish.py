@@ -134,6 +134,7 @@ def test_a_fold_is_told_with_joint_and_time() -> None:
         swim(paper_fin(1.33e9, 0.0), plane())
 
 
+@pytest.mark.long
 def test_beyond_its_table_a_fin_of_many_hinges_swims_as_within(monkeypatch: pytest.MonkeyPatch) -> None:
     """The default fish bends further near its resonance than a table of seven joints can hold."""
     fish = replace(PAPER_FISH, water=plane().water)

@@ -82,7 +82,14 @@ def test_the_page_shows_the_drawer_as_it_is() -> None:
     assert yaml_file.parse(shown) == yaml_file.read(DRAWER)
 
 
-@pytest.mark.parametrize("name", [name for name, ability in ALGORITHMS.items() if ability.choices])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.long] if name == "gp" else [])
+        for name, ability in ALGORITHMS.items()
+        if ability.choices
+    ],
+)
 def test_no_search_over_the_drawer_leaves_what_can_be(name: str) -> None:
     deviations = {d.name: 0.3 * (d.maximum - d.minimum) for d in DRAWER_SPACE.space.ranges}
     asked = search(name, DRAWER_SPACE.space, 5, deviations, population=4)

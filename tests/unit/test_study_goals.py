@@ -164,6 +164,7 @@ def swim_on(folder: Path, words: dict[str, object], trials: int) -> None:
             study.start(study.propose(*following).number)
 
 
+@pytest.mark.long
 def test_a_study_over_sheets_length_and_frequency_that_is_gone_on_with_twice_is_an_undisturbed_one(
     tmp_path: Path,
 ) -> None:
