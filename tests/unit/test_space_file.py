@@ -94,7 +94,7 @@ def test_no_search_over_the_drawer_leaves_what_can_be(name: str) -> None:
     deviations = {d.name: 0.3 * (d.maximum - d.minimum) for d in DRAWER_SPACE.space.ranges}
     asked = search(name, DRAWER_SPACE.space, 5, deviations, population=4)
     history: list[Evaluation] = []
-    for _ in range(16):
+    for _ in range(12):
         values = asked.propose(history)
         assert DRAWER_SPACE.rules.refusal(DRAWER_SPACE.start, values) == ("", "")
         history.append(Evaluation(values, values["fin.length"]))
