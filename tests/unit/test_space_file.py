@@ -278,7 +278,7 @@ LENGTH = "fin.length: {minimum: 40 mm, maximum: 140 mm}"
         ),
         (
             "search: {gait.frequency: {minimum: 1, maximum: 2}, gait.joint_1.frequency: {minimum: 1, maximum: 2}}",
-            "gait.frequency is searched twice",
+            "gait.frequency is searched twice, for the whole tail and as gait.joint_1.frequency: leave one of them out",
         ),
         (
             "search: {fin.tip_height: {minimum: 1 cm, maximum: 2 cm}}\nties: {fin.tip_over_root: 1}",

@@ -120,7 +120,7 @@ def space_of(
         msg = "it searches nothing: name a parameter in search, or two sheets in stock"
         raise ValueError(msg)
     searched_names = [dimension.name for dimension in dimensions]
-    _refuse_twice(searched_names, stock, joints)
+    _refuse_twice(searched_names, stock)
     tied = ties(content["ties"], {*searched_names, *(SETS if stock else ())}, start) if "ties" in content else ()
     units = condition_units(heights, joints)
     conditions = tuple(Condition.parse(text, units) for text in _list(content, "conditions"))
@@ -237,7 +237,7 @@ def _choice(name: str, given: object, parameter: Parameter) -> Scalar:
     return cast("Scalar", parameter.check(given))
 
 
-def _refuse_twice(searched: Collection[str], stock: Mapping[str, Sheet], joints: int) -> None:
+def _refuse_twice(searched: Collection[str], stock: Mapping[str, Sheet]) -> None:
     """Refuse two searches of one parameter.
 
     Raises:
@@ -246,8 +246,9 @@ def _refuse_twice(searched: Collection[str], stock: Mapping[str, Sheet], joints:
     if stock and (twice := [name for name in SETS if name in searched]):
         msg = f"{twice[0]} is searched twice, by itself and with the sheets in stock: leave one of them out"
         raise ValueError(msg)
+    places = {name: names.drive_place(name) for name in searched}
     for whole, column in names.WHOLE.items():
-        parts = [names.drive(joint, column) for joint in range(1, joints + 1)]
-        if whole in searched and (twice := [name for name in parts if name in searched]):
+        twice = [name for name, place in places.items() if place is not None and place[1] == column]
+        if whole in searched and twice:
             msg = f"{whole} is searched twice, for the whole tail and as {twice[0]}: leave one of them out"
             raise ValueError(msg)
