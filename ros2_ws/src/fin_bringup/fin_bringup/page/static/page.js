@@ -99,7 +99,7 @@ function take(told) {
   } else if (told.kind === "frame") {
     frame = told;
     frameAt = performance.now();
-    trace.push([frameAt, told.speed]);
+    trace.push([frameAt, told.speed, snapshot?.plant.state === "SWIMMING"]);
     requestAnimationFrame(drawSwim);
   } else if (told.kind === "search") {
     search = told;
@@ -157,7 +157,7 @@ function show() {
   say("plant-said", live.now ? "" : plant.said === null ? "" : "last known");
   say("reason", plant.reason);
   say("advice", connected() ? plant.advice : `No connection. ${SWITCH}`);
-  say("device", Object.entries(plant.device ?? {}).map(([name, value]) => `${name} ${value}`).join(" · "));
+  say("device", Object.entries(plant.device ?? {}).map(([name, value]) => `${name.replaceAll("_", " ")} ${value}`).join(" · "));
   showTable(plant.mount);
 
   say("study-text", study.known ? study.text : "No study is heard.");
@@ -169,7 +169,7 @@ function show() {
   at("settled").value = Number(study.settled) || 0;
   say("trial-text", trial.known ? trial.text : "No trial yet.");
   say("unscored", trial.unscored ? `× ${trial.unscored}` : "");
-  say("trial-state", [trial.phase || trial.outcome.toLowerCase(), trial.score, trial.reason].filter(Boolean).join(" · "));
+  say("trial-state", [(trial.phase && `now: ${trial.phase}`) || trial.outcome.toLowerCase(), trial.score, trial.reason].filter(Boolean).join(" · "));
 
   const offers = gone ? [] : snapshot.offers;
   showButtons(at("fish-buttons"), offers.filter((offer) => offer.about === "fish"));
@@ -385,7 +385,10 @@ function drawTrace() {
   const now = performance.now();
   trace = trace.filter(([time]) => now - time < TRACE);
   const { pen, width, height } = canvas("trace");
-  const values = trace.filter(([, speed]) => speed !== null).map(([, speed]) => 100 * speed);
+  const known = trace.filter(([, speed]) => speed !== null);
+  const swum = known.filter(([, , swims]) => swims);
+  // A hand that carries the fish back to its mark is faster than any swim, which would then be a flat line.
+  const values = (swum.length ? swum : known).map(([, speed]) => 100 * speed);
   const top = Math.max(1, ...values);
   const bottom = Math.min(0, ...values);
   const left = 34;
@@ -395,6 +398,10 @@ function drawTrace() {
   pen.fillText("cm/s over the last 30 s", left, height - 3);
   pen.strokeStyle = colour("--act");
   pen.lineWidth = 2;
+  pen.save();
+  pen.beginPath();
+  pen.rect(left, 0, width - left, height - 16);
+  pen.clip();
   pen.beginPath();
   let down = false;
   for (const [time, speed] of trace) {
@@ -402,6 +409,7 @@ function drawTrace() {
     down = speed !== null;
   }
   pen.stroke();
+  pen.restore();
 }
 
 function axis(pen, width, left, py, ticks) {
