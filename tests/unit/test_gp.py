@@ -477,6 +477,12 @@ def test_a_climb_leads_up() -> None:
     )
 
 
+def test_halfway_between_two_fins_that_are_alike_most_is_promised() -> None:
+    middle = promise(Space((Dimension("x", 0.0, 1.0),)), [[0.0], [1.0]], [0.0, 0.0])
+    ends = [middle._moved(np.array([start]))[0] for start in (0.2, 0.9)]
+    assert ends == pytest.approx([0.5, 0.5], abs=1e-3)
+
+
 def test_of_few_values_the_most_promising_that_can_be_is_taken() -> None:
     every = np.array([[round(0.04 + 0.005 * place, 3)] for place in range(21)])
     rows, scores = [[0.04], [0.09], [0.14]], [0.0, 1.0, 0.2]
