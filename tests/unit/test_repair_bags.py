@@ -178,7 +178,7 @@ def test_an_odd_bag_is_named_and_all_others_are_repaired(
     left_open(swim)
     assert main([str(bags.parent)]) == 2
     out, err = capsys.readouterr()
-    assert err.startswith(f"bag {odd} cannot be repaired: ")
+    assert err.startswith(f"repair_bags: error: bag {odd} cannot be repaired: ")
     assert reason in err
     assert err.count("\n") == 1
     assert out.count("was left open: repaired with all messages") == 2
@@ -197,7 +197,8 @@ def test_on_a_read_only_disk_every_bag_that_was_left_open_is_named(
     disk.mount("-o", "remount,ro")
     assert main([str(disk.path)]) == 2
     lines = capsys.readouterr().err.splitlines()
-    assert [line.split(" cannot ")[0] for line in lines] == [f"bag {disk.path}/bags/trial_000{n}" for n in (1, 2)]
+    bags = [f"bag {disk.path}/bags/trial_000{number}" for number in (1, 2)]
+    assert [line.split(" cannot ")[0] for line in lines] == [f"repair_bags: error: {bag}" for bag in bags]
     assert all("Read-only file system" in line for line in lines)
 
 

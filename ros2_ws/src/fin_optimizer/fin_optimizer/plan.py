@@ -287,8 +287,8 @@ def _around(path: Path) -> Mapping[str, Any]:
 
     try:
         return around(path)
-    except OSError as error:
-        msg = f"search.fish = {path} cannot be read: {error.strerror or error}"
+    except ValueError as error:  # which names the file
+        msg = f"search.fish = {error}"
         raise ValueError(msg) from error
 
 

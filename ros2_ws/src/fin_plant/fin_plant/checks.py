@@ -116,6 +116,18 @@ def choice(name: str, value: object, allowed: Collection[str]) -> str:
     return value
 
 
+def mapping(name: str, value: object) -> dict[str, object]:
+    """Return a part of a file that must hold names with values.
+
+    Raises:
+        ValueError: It does not.
+    """
+    if not isinstance(value, dict):
+        msg = f"{name} must be names with values, got {value!r}"
+        raise ValueError(msg)
+    return value
+
+
 def counted(number: int, thing: str) -> str:
     """Return so many of a thing: ``1 trial``, ``3 trials``."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"

@@ -3,7 +3,12 @@
 from __future__ import annotations
 
 import json
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
+
+from fin_plant import text_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class _Doubled(dict[str, object]):
@@ -16,15 +21,31 @@ def parse(text: str) -> object:
     """Return what a JSON text says.
 
     Raises:
-        ValueError: It is no JSON, holds NaN or Infinity, or a key twice; the message says which, and where.
+        ValueError: It is empty or no JSON, or holds NaN, Infinity or a key twice; the message says which, and where.
     """
+    if not text.strip():
+        msg = "it is empty"
+        raise ValueError(msg)
     try:
         content = json.loads(text.removeprefix("\ufeff"), object_pairs_hook=_object, parse_constant=_refuse_constant)
         _require_single(content, "")
+    except json.JSONDecodeError as error:
+        msg = f"line {error.lineno}: it is no JSON: {error.msg}, at column {error.colno}"
+        raise ValueError(msg) from None
     except RecursionError:
         msg = "it is nested too deeply"
         raise ValueError(msg) from None
     return content
+
+
+def read(path: Path) -> object:
+    """Return what a JSON file says; see `parse`.
+
+    Raises:
+        ValueError: It is refused, or no text in UTF-8.
+        OSError: It cannot be read.
+    """
+    return parse(text_file.read(path))
 
 
 def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import yaml
 
+from fin_plant import text_file
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -115,10 +117,4 @@ def read(path: Path) -> object:
         ValueError: It is refused, or no text in UTF-8.
         OSError: It cannot be read.
     """
-    data = path.read_bytes()
-    try:
-        return parse(data.decode("utf-8-sig"))
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        msg = f"line {line}: it is no text in UTF-8: save it as UTF-8"
-        raise ValueError(msg) from None
+    return parse(text_file.read(path))

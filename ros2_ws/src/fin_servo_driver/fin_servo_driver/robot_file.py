@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from fin_plant import checks, yaml_file
+from fin_plant import checks, text_file, yaml_file
 from fin_plant.gait import MAXIMUM_JOINTS
 from fin_plant.paths import config_folder, given_path
 
@@ -230,11 +230,8 @@ def load(path: Path) -> Robot:
     Raises:
         ValueError: It cannot be read, or something in it is refused; the message names file and key.
     """
-    try:
+    with text_file.named(path):
         return parse(yaml_file.read(path))
-    except (OSError, ValueError) as error:
-        msg = f"{path}: {error}"
-        raise ValueError(msg) from error
 
 
 def parse(content: object) -> Robot:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from fin_plant import checks, json_file
+from fin_plant import checks, json_file, text_file
 from fin_plant.gait import Gait, JointDrive
 from fin_sim.chain import Chain
 from fin_sim.fish import Body, Link, Water
@@ -188,14 +188,10 @@ def read_case(path: Path) -> Case:
     """Read a case file.
 
     Raises:
-        ValueError: The file is not JSON, or its case is refused; the message names the file.
-        OSError: The file cannot be read.
+        ValueError: The file cannot be read, is not JSON, or its case is refused; the message names the file.
     """
-    try:
-        return parse_case(json_file.parse(path.read_text(encoding="utf-8")))
-    except ValueError as error:  # JSON's and Unicode's own errors among them
-        msg = f"{path}: {error}"
-        raise ValueError(msg) from None
+    with text_file.named(path):
+        return parse_case(json_file.read(path))
 
 
 def summary(swim: Swim, *, every: int | None = None) -> dict[str, float]:

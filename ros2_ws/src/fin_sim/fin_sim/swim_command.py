@@ -210,17 +210,20 @@ def _is_simulators(node: str) -> bool:
     return name == "simulator" or "*" in name
 
 
+def _mapping_in(name: str, entry: object, part: str) -> dict[str, Any]:
+    return checks.mapping(f"{part} of {name}", checks.mapping(name, entry).get(part))
+
+
 def _read_parameters(path: Path) -> tuple[dict[str, Value], dict[str, Value]]:
     """Return what a ROS parameter file says of fin, fish and servo, and of the run; the rest is the node's alone."""
     try:
-        content = cast("dict[str, dict[str, Any]]", yaml_file.read(path))
-        nodes = {name: dict(_flatten(entry["ros__parameters"])) for name, entry in content.items()}
+        nodes = {
+            name: dict(_flatten(_mapping_in(name, entry, "ros__parameters")))
+            for name, entry in checks.mapping("it", yaml_file.read(path)).items()
+        }
         chosen = [entry for name, entry in nodes.items() if _is_simulators(name)]
     except ValueError as error:
-        msg = f"{path} is not a ROS parameter file: {error}"
-        raise ValueError(msg) from None
-    except (AttributeError, KeyError, TypeError) as error:
-        msg = f"{path} is not a ROS parameter file (node: ros__parameters: name: value): {error!r}"
+        msg = f"{path} is not a ROS parameter file (node: ros__parameters: name: value): {error}"
         raise ValueError(msg) from None
     if not chosen:
         msg = f"{path} has parameters of {', '.join(nodes)} only: name its entry simulator or /**"

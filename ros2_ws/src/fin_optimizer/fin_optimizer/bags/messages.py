@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from functools import cache
 from typing import TYPE_CHECKING, Any, Protocol, cast
@@ -15,6 +16,7 @@ from fin_plant.stamps import NANOSECONDS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
     from rosbags.typesys.store import Typestore
@@ -22,6 +24,11 @@ if TYPE_CHECKING:
     _Dumper = yaml.SafeDumper
 else:  # libyaml's own where it is there: every trial writes two texts of some kilobytes, and it is ten times as fast
     _Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+
+def without_name(reason: object, path: Path) -> str:
+    """Return what is said of a bag for a line that has its name already: *it is empty* of *bag PATH is empty*."""
+    return re.sub(rf"\A(bag )?{re.escape(str(path))} ", "it ", str(reason))
 
 
 class BagError(RuntimeError):

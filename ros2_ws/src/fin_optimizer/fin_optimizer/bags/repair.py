@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.files import bags_in
 from fin_optimizer.bags.integrity import MAGIC_SIZE
-from fin_optimizer.bags.messages import BagError
+from fin_optimizer.bags.messages import BagError, without_name
 from fin_optimizer.bags.metadata import BagTopic
 from fin_optimizer.bags.reader import is_closed, is_own, mcap_file, read_bag
 from fin_optimizer.bags.writer import BagWriter, lock
@@ -54,7 +54,7 @@ class Repair:
         if self.empty:
             return f"bag {self.path.name} was left open before anything was written to it: removed"
         if self.failure:
-            return f"bag {self.path} cannot be repaired: {self.failure}"
+            return f"bag {self.path} cannot be repaired: {without_name(self.failure, self.path)}"
         counts = ", ".join(f"{count} {topic}" for topic, count in self.counts.items() if count) or "none"
         cut = f"; its last {self.lost} bytes could not be read" if self.lost else ""
         return f"bag {self.path.name} was left open: repaired with all messages in it ({counts}){cut}"

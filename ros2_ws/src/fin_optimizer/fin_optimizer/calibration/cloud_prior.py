@@ -37,8 +37,7 @@ def around(path: Path) -> Mapping[str, Any]:
     What was not fitted stays as wide as it is without the file.
 
     Raises:
-        ValueError: It is no such file, or a number in it is refused.
-        OSError: It cannot be read.
+        ValueError: It cannot be read, is no such file, or a number in it is refused; the message names the file.
     """
     model, errors = read_fish(path), read_errors(path)
     widths = dict(WIDTHS)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from fin_optimizer.calibration.model import Knots, Model
 from fin_optimizer.calibration.settings import OWN
-from fin_plant import checks, yaml_file
+from fin_plant import checks, text_file, yaml_file
 from fin_plant.fin import node_table
 
 if TYPE_CHECKING:
@@ -83,22 +83,17 @@ def read_fish(path: Path) -> Model:
     """Return the model of a file that `fish_file` made, or of a simulator's parameter file: an ideal drive.
 
     Raises:
-        ValueError: It is none, or a number in it is refused.
-        OSError: It cannot be read.
+        ValueError: It cannot be read, is none, or a number in it is refused; the message names the file.
     """
-    try:
+    with text_file.named(path):
         content: Any = yaml_file.read(path)
         if not isinstance(content, dict) or not isinstance(content.get(_SIMULATOR), dict):
             msg = f"it has no entry {_SIMULATOR} with {_PARAMETERS}: give the file that calibrate wrote"
-            raise ValueError(msg)  # noqa: TRY301
+            raise ValueError(msg)
         table = node_table("fin_sim", "simulator")
-        given = content[_SIMULATOR].get(_PARAMETERS) or {}
-        fish = table.checked(given)
-        own = dict((content.get(_OWN) or {}).get(_PARAMETERS) or {})
+        fish = table.checked(_parameters(content, _SIMULATOR))
+        own = _parameters(content, _OWN)
         return Model(fish, {name: _number(own, name, none) for name, (none, _) in OWN.items()}, _knots(own))
-    except ValueError as error:
-        msg = f"{path}: {error}"
-        raise ValueError(msg) from None
 
 
 def read_errors(path: Path) -> dict[str, tuple[float, float]]:
@@ -109,9 +104,8 @@ def read_errors(path: Path) -> dict[str, tuple[float, float]]:
         OSError: It cannot be read.
     """
     content: Any = yaml_file.read(path)
-    own = (content.get(_OWN) or {}).get(_PARAMETERS) or {} if isinstance(content, dict) else {}
     result = {}
-    for name, pair in own.items():
+    for name, pair in _parameters(checks.mapping(str(path), content), _OWN).items():
         if name.startswith(_FITTED):
             if not isinstance(pair, list) or len(pair) != 2:  # noqa: PLR2004
                 msg = f"{path}: {name} = {pair!r} must be [low, high]"
@@ -119,6 +113,11 @@ def read_errors(path: Path) -> dict[str, tuple[float, float]]:
             low, high = (checks.number(f"{path}: {name}", each) for each in pair)
             result[name.removeprefix(_FITTED)] = (low, high)
     return result
+
+
+def _parameters(content: Mapping[str, Any], node: str) -> dict[str, Any]:
+    entry = checks.mapping(node, content.get(node) or {})
+    return checks.mapping(f"{_PARAMETERS} of {node}", entry.get(_PARAMETERS) or {})
 
 
 def _number(own: Mapping[str, object], name: str, default: float) -> float:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from fin_plant import checks, yaml_file
+from fin_plant import checks, text_file, yaml_file
 from fin_plant.fin import node_table
 
 if TYPE_CHECKING:
@@ -120,7 +120,7 @@ _PARAMETER_KEYS = {"prior", "spread", "range", "scale"}
 _FACTOR_KEYS = {"spread", "roughness"}
 
 
-def _fitted(name: str, entry: Mapping[str, Any]) -> Fitted:
+def _fitted(name: str, entry: object) -> Fitted:
     if not isinstance(entry, dict) or entry.keys() != _PARAMETER_KEYS:
         msg = f"{name} needs {', '.join(sorted(_PARAMETER_KEYS))}, it has {entry!r}"
         raise ValueError(msg)
@@ -143,29 +143,25 @@ def read_settings(path: Path) -> Settings:
     """Return the settings of a YAML file with ``fish``, ``stated_frequency`` and ``parameters``.
 
     Raises:
-        ValueError: Something in it is unknown, missing or out of range.
-        OSError: It cannot be read.
+        ValueError: It cannot be read, or something in it is unknown, missing or out of range; the message names it.
     """
-    try:
+    with text_file.named(path):
         content: Any = yaml_file.read(path)
         if not isinstance(content, dict) or not content.keys() <= _KEYS or "parameters" not in content:
             msg = f"it needs parameters, and may have {', '.join(sorted(_KEYS - {'parameters'}))}: nothing else"
-            raise ValueError(msg)  # noqa: TRY301
-        fish = node_table("fin_sim", "simulator").checked(content.get("fish") or {})
+            raise ValueError(msg)
+        fish = node_table("fin_sim", "simulator").checked(checks.mapping("fish", content.get("fish") or {}))
         frequency = checks.number("stated_frequency", content.get("stated_frequency", 0.0), 0.0, 100.0, unit="Hz")
-        entries = dict(content["parameters"])
+        entries = dict(checks.mapping("parameters", content["parameters"]))
         factor = entries.pop(AMPLITUDE_FACTOR, None)
         settings = Settings(fish, frequency, tuple(_fitted(*item) for item in entries.items()), {}, factor_spread=0.0)
         if factor is None:
             return settings
         if not isinstance(factor, dict) or factor.keys() != _FACTOR_KEYS:
             msg = f"{AMPLITUDE_FACTOR} needs spread and roughness, it has {factor!r}"
-            raise ValueError(msg)  # noqa: TRY301
+            raise ValueError(msg)
         spread, rough = (
             checks.number(f"{AMPLITUDE_FACTOR}: {key}", factor[key], 0.0, 1.0, exclusive_minimum=True)
             for key in ("spread", "roughness")
         )
         return replace(settings, factor_spread=spread, factor_roughness=rough)
-    except ValueError as error:
-        msg = f"{path}: {error}"
-        raise ValueError(msg) from None

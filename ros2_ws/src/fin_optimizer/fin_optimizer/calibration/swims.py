@@ -7,6 +7,7 @@ What comes in other units or with another clock is told by what cannot be, and n
 from __future__ import annotations
 
 import csv
+import io
 import math
 import re
 from dataclasses import dataclass, field
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fin_plant import checks
+from fin_plant import checks, text_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -201,19 +202,24 @@ def check_swim(swim: Swim, stated_frequency: float) -> None:
 
 
 def _read_columns(path: Path) -> dict[str, Array]:
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.DictReader(file)
-        header = [name.strip() for name in reader.fieldnames or ()]
-        missing = [name for name in COLUMNS if name not in header]
-        if missing:
-            _refuse(path.name, f"has no column {', '.join(missing)}: needed are {', '.join(COLUMNS)}; it has {header}")
-        if len(set(POSITION) & set(header)) == 1:
-            _refuse(path.name, "has one of the columns x and y only: give both or neither")
-        reader.fieldnames = header
-        wanted = [name for name in (*COLUMNS, *POSITION) if name in header]
-        rows = [[_number(path, row, index, name) for name in wanted] for index, row in enumerate(reader, start=2)]
+    with text_file.named(path):
+        text = text_file.read(path)
+    file = str(path)
+    if not text.strip():
+        _refuse(file, f"it is empty: needed are the columns {', '.join(COLUMNS)}")
+    reader = csv.DictReader(io.StringIO(text, newline=""))
+    header = [name.strip() for name in reader.fieldnames or ()]
+    missing = [name for name in COLUMNS if name not in header]
+    if missing:
+        has = ", ".join(header)
+        _refuse(file, f"it has no column {', '.join(missing)}: needed are {', '.join(COLUMNS)}; it has {has}")
+    if len(set(POSITION) & set(header)) == 1:
+        _refuse(file, "it has one of the columns x and y only: give both or neither")
+    reader.fieldnames = header
+    wanted = [name for name in (*COLUMNS, *POSITION) if name in header]
+    rows = [[_number(path, row, index, name) for name in wanted] for index, row in enumerate(reader, start=2)]
     if not rows:
-        _refuse(path.name, "has no rows")
+        _refuse(file, "it has no rows")
     return dict(zip(wanted, np.array(rows).T, strict=True))
 
 
@@ -222,7 +228,7 @@ def _number(path: Path, row: Mapping[str, str | None], line: int, name: str) -> 
     try:
         return checks.number(name, checks.read_number(text.strip()))
     except ValueError:
-        msg = f"{path.name}: line {line}: {name} = {text!r} is no finite number: leave out rows that were not measured"
+        msg = f"{path}: line {line}: {name} = {text!r} is no finite number: leave out rows that were not measured"
         raise SwimError(msg) from None
 
 
@@ -272,12 +278,11 @@ def read_csv(path: Path) -> Swim:
     """Return the swim of a CSV file.
 
     Raises:
-        SwimError: It cannot be used.
-        OSError: It cannot be read.
+        ValueError: It cannot be read, or not be used (`SwimError`); the message names the file.
     """
     named = _NAME.match(path.name)
     if named is None:
-        _refuse(path.name, "a swim's file is named amplitude<degrees>_bias<degrees>_<run>.csv: rename it")
+        _refuse(str(path), "a swim's file is named amplitude<degrees>_bias<degrees>_<run>.csv: rename it")
         raise AssertionError
     amplitude, bias = (math.radians(float(each)) for each in named.groups())
     return swim_of(path.name.removesuffix(".csv"), amplitude, bias, _read_columns(path))

@@ -33,7 +33,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = 2
             continue
         for repair in repairs:
-            (sys.stderr if repair.failure else sys.stdout).write(f"{repair}\n")
+            if repair.failure:
+                tell_error("repair_bags", repair)
+            else:
+                sys.stdout.write(f"{repair}\n")
         if any(repair.failure for repair in repairs):
             code = 2
         if not repairs:

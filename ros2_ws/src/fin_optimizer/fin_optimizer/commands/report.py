@@ -119,7 +119,7 @@ def _campaign_page(folder: Path) -> Page:
 
     name = folder.resolve().name
     try:
-        content: Any = json_file.parse((folder / SETTINGS_FILE).read_text(encoding="utf-8"))
+        content: Any = json_file.read(folder / SETTINGS_FILE)
         kind = SpaceCampaign if "space" in content else Campaign
         known = {each.name for each in fields(kind)}  # an older one lacks some, which it had by default
         given = {each: _tuples(content[each]) for each in content.keys() & known}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.bags.files import bags_in
 from fin_optimizer.bags.integrity import UNGUARDED
-from fin_optimizer.bags.messages import BagError
+from fin_optimizer.bags.messages import BagError, without_name
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.score.mean_speed import Measurement, MissingMeasurementError, ScoreError
 from fin_optimizer.score.recorded import achieved
@@ -54,26 +54,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             wanted, refused = _wanted(given)
         except BagError as error:
-            failed = _tell(f"{error}")
+            failed = _tell(given, error)
             continue
         if refused:
-            failed = _tell(refused)
+            tell_error("score_bag", refused)
+            failed = True
         for path, trial in wanted:
             try:
                 bag = _read(path, trial)
                 numbers = achieved(bag, measured)
             except MissingMeasurementError as error:
-                failed = _tell(f"{path}: {error}; --settle and --duration say it")
+                failed = _tell(path, f"{error}; --settle and --duration say it")
                 continue
             except (BagError, ScoreError) as error:
-                failed = _tell(f"{path}: {error}")
+                failed = _tell(path, error)
                 continue
             _tell_unclosed(path, bag)
             rows.append((path, numbers, bag.metadata))
             if not as_table:
                 heads = _print_line(path, numbers, heads)
             if trial is not None and (differs := difference(numbers, trial)):
-                failed = _tell(f"{path}: {differs}")
+                failed = _tell(path, differs)
             without_sums.append(not bag.guarded)
     sys.stdout.write(_tables(rows, words))
     _tell_unguarded(without_sums)
@@ -186,8 +187,9 @@ def _tell_unguarded(bags: Sequence[bool]) -> None:
         sys.stderr.write(f"note: {count} of {len(bags)} bags {'was' if count == 1 else 'were'} {UNGUARDED}\n")
 
 
-def _tell(error: str) -> bool:
-    tell_error("score_bag", error)
+def _tell(path: Path, error: object) -> bool:
+    """Tell why a bag has no score."""
+    tell_error("score_bag", f"{path}: {without_name(error, path)}")
     return True
 
 

@@ -48,7 +48,7 @@ from fin_optimizer.paper.space_campaign import (
     own_value,
 )
 from fin_optimizer.search.algorithms import ALGORITHMS
-from fin_plant import checks, json_file
+from fin_plant import checks, json_file, text_file
 from fin_plant.command import command
 from fin_plant.paths import given_path
 from fin_sim.chain import REACTIVE_FORMS
@@ -115,9 +115,10 @@ def _open_folder(folder: Path, campaign: Campaign | SpaceCampaign) -> None:
         msg = f"cannot write to the folder {folder}: {error.strerror}; choose another one with --output"
         raise ValueError(msg) from None
     try:
-        found = json_file.parse(settings.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        msg = f"{settings} cannot be read ({error}): move it away, or choose another folder with --output"
+        with text_file.named(settings):
+            found = json_file.read(settings)
+    except ValueError as error:
+        msg = f"{error}: move it away, or choose another folder with --output"
         raise ValueError(msg) from None
     if found != wanted:
         changed = [name for name in wanted if found.get(name) != wanted[name]] if isinstance(found, dict) else ["all"]

@@ -22,7 +22,7 @@ from fin_optimizer.search.many import columns_of
 from fin_optimizer.search.one_by_one import OneByOne
 from fin_optimizer.search.space import Evaluation
 from fin_optimizer.search.space_file import read_content, space_of
-from fin_plant import checks
+from fin_plant import checks, text_file
 from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.paths import config_folder
 from fin_plant.units import in_range
@@ -56,6 +56,10 @@ _MOST_AT_ONCE = 512
 """Candidates of a run that swim together where no score decides what follows."""
 _IN_STEP = {"hill_climber": 25, "genetic": 10, "cma_es": 25, "nsga2": 5}
 """Runs carried out together, by search; of others one, for proposing takes longer than swimming."""
+
+
+class SpaceError(ValueError):
+    """Something in the space itself is refused: whoever knows its file names it."""
 
 
 @dataclass(frozen=True)
@@ -129,15 +133,13 @@ class SpaceCampaign:
         Raises:
             ValueError: The file, or something given, is refused.
         """
-        try:
+        with text_file.named(path, "space"):
             content, _ = read_content(path)
-        except OSError as error:
-            msg = f"space {path} cannot be read: {error.strerror or error}"
-            raise ValueError(msg) from error
-        except ValueError as error:
+        try:
+            return cls(json.dumps(content), **given)
+        except SpaceError as error:
             msg = f"space {path}: {error}"
             raise ValueError(msg) from error
-        return cls(json.dumps(content), **given)
 
     @property
     def given(self) -> Preset:
@@ -184,7 +186,10 @@ def _plan(campaign: SpaceCampaign) -> SpaceFile:
     gait = {name: entry.default for name, entry in OPTIMIZER_PARAMETERS.items() if name.startswith("gait.")}
     if joints > 1:
         gait |= {"gait.preset": "sub_carangiform", "gait.driven_joints": joints}
-    found = space_of(json.loads(campaign.space), {}, {**given.fin.as_parameters(), **gait}, joints)
+    try:
+        found = space_of(json.loads(campaign.space), {}, {**given.fin.as_parameters(), **gait}, joints)
+    except ValueError as error:
+        raise SpaceError(str(error)) from error
     _search_of(campaign, found, 0)
     return found
 

@@ -13,7 +13,7 @@ from fin_optimizer.search.rules import Rules, condition_units
 from fin_optimizer.search.space import Choice, Dimension, Space
 from fin_optimizer.search.stock import SETS, sheet
 from fin_optimizer.search.ties import ties
-from fin_plant import checks, yaml_file
+from fin_plant import checks, text_file, yaml_file
 from fin_plant.units import in_range, quantity
 
 if TYPE_CHECKING:
@@ -61,15 +61,9 @@ def read_space(path: Path, start: Mapping[str, Any], joints: int = 1) -> SpaceFi
     Raises:
         ValueError: It cannot be read, or something in it is refused; the message names the file and the entry.
     """
-    try:
+    with text_file.named(path, "space"):
         content, files = read_content(path)
         return space_of(content, files, start, joints)
-    except OSError as error:
-        msg = f"space {path} cannot be read: {error.strerror or error}"
-        raise ValueError(msg) from error
-    except ValueError as error:
-        msg = f"space {path}: {error}"
-        raise ValueError(msg) from error
 
 
 def read_content(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
