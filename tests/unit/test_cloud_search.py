@@ -11,7 +11,7 @@ import pytest
 from fin_optimizer.search import cloud as cloud_module
 from fin_optimizer.search import plausible
 from fin_optimizer.search.algorithms import Swimming, search
-from fin_optimizer.search.cloud import Cloud
+from fin_optimizer.search.cloud import Belief, Cloud
 from fin_optimizer.search.cloud_search import CloudSearch
 from fin_optimizer.search.space import Choice, Dimension, Evaluation, Space, Values
 from fin_plant.fin import Fin
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from fin_sim.batch.task import Task
+
+    Array = NDArray[np.float64]
 
 STOCK = Space((Choice("fin.young_modulus", (1.6e9, 3.3e9), "Pa"), Choice("fin.thickness", (2e-4, 3e-4, 5e-4), "m")))
 FISH, DURATION = 24, 4.0
@@ -320,6 +322,27 @@ def test_it_finds_the_best_fin_of_a_small_stock_and_says_when_enough_is_known() 
     assert told.gain < one.told(history[:1]).gain
     assert told.deviation < 0.2 * told.speed
     assert told.effective_fish >= 1.0
+
+
+def test_a_belief_is_drawn_from_once_a_trial(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[int] = []
+
+    def counted(belief: Belief, count: int, random: np.random.Generator) -> Array:
+        drawn.append(count)
+        return draw(belief, count, random)
+
+    draw = Belief.drawn
+    monkeypatch.setattr(Belief, "drawn", counted)
+    one = cloud_search()
+    history = history_of(1, one)
+    drawn.clear()
+    told, proposed = one.told(history), one.propose(history)
+    assert len(drawn) == 2, "for the gains, and for the regret"
+    assert (one.told(history), one.propose(history), len(drawn)) == (told, proposed, 2)
+    assert cloud_search().propose(history) == proposed, "whether it was told or not"
+    drawn.clear()
+    one.propose([*history, Evaluation(proposed, None, pending=True)])
+    assert len(drawn) == 1, "the next trial has random numbers of its own"
 
 
 def test_what_failed_or_swims_just_now_is_not_proposed() -> None:

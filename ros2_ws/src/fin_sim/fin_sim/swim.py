@@ -16,9 +16,11 @@ from fin_sim.fish import Fish
 from fin_sim.servo import Servo, TailDrive
 from fin_sim.swim_result import Swim
 
-__all__ = ["PAPER_FISH", "SIMULATOR_PARAMETERS", "Swim", "swim", "swim_chain"]
+__all__ = ["LARGEST_NORMAL_DRAG", "PAPER_FISH", "SIMULATOR_PARAMETERS", "Swim", "swim", "swim_chain"]
 
 SIMULATOR_PARAMETERS = load_table("fin_sim", "simulator_parameters.yaml")
+LARGEST_NORMAL_DRAG = SIMULATOR_PARAMETERS["water.normal_drag"].maximum
+"""C_N of the tail that the simulator takes."""
 PAPER_FISH = Fish.from_parameters(SIMULATOR_PARAMETERS.checked({}))
 """The papers' fish as it was measured: body of 14 cm; its numbers and their reasons stand in
 ``simulator_parameters.yaml``."""

@@ -49,6 +49,23 @@ _LIKE = {"young_modulus": 1.0, "thickness": 0.5, "length": 0.33, "height": 0.5, 
 
 
 @dataclass(frozen=True)
+class _Believed:
+    """What is believed after some scores, and what was drawn from it, by the number of trials: drawn once.
+
+    Attributes:
+        cloud: The fish.
+        belief: What they make believe.
+        gains: Of a trial of each fin, (N,).
+        told: What is said of the best fin.
+    """
+
+    cloud: Cloud
+    belief: Belief
+    gains: dict[int, Array] = field(default_factory=dict)
+    told: dict[int, Told] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class CloudSearch:
     """Proposes the trial after which the best fin is expected to be best.
 
@@ -79,7 +96,7 @@ class CloudSearch:
     kept: Path | None = None
     around: Mapping[str, Any] | None = None
     _clouds: dict[tuple[Any, ...], Fish] = field(default_factory=dict, repr=False, compare=False)
-    _last: dict[tuple[Any, ...], tuple[Cloud, Belief]] = field(default_factory=dict, repr=False, compare=False)
+    _last: dict[tuple[Any, ...], _Believed] = field(default_factory=dict, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         checks.whole_number("seed", self.seed, 0)
@@ -177,20 +194,26 @@ class CloudSearch:
             fish = self._after(tried, scores, SLICE)
         return fish.swum / len(fish.kinds)
 
-    def _belief(self, history: Sequence[Evaluation]) -> tuple[Cloud, Belief]:
+    def _believed(self, history: Sequence[Evaluation]) -> _Believed:
         tried, scores = self._tried(history)
         key = (*tried.tolist(), *scores.tolist())
         if key not in self._last:
             cloud = self._cloud(self._after(tried, scores))
             self._last.clear()
-            self._last[key] = cloud, cloud.belief(tried, scores)
+            self._last[key] = _Believed(cloud, cloud.belief(tried, scores))
         return self._last[key]
+
+    def _gains(self, history: Sequence[Evaluation]) -> tuple[Belief, Array]:
+        """Return what is believed after ``history``, and what a trial of each fin is expected to gain, (N,)."""
+        known, number = self._believed(history), len(history)
+        if number not in known.gains:
+            known.gains[number] = known.cloud.gains(known.belief, generator(self.seed, number))
+        return known.belief, known.gains[number]
 
     def propose(self, history: Sequence[Evaluation]) -> Values:
         """Return the candidate that follows ``history``: of those that neither failed nor swim just now."""
         with threadpool_limits(1):  # their number decides in which order sums are made, and so the last bits
-            cloud, belief = self._belief(history)
-            gains = cloud.gains(belief, generator(self.seed, len(history)))
+            belief, gains = self._gains(history)
         closed = {tuple(self.space.row(entry.values)) for entry in history if entry.score is None}
         is_open = np.array([tuple(self.space.row(values)) not in closed for values in self.candidates])
         if not is_open.any():
@@ -202,14 +225,19 @@ class CloudSearch:
     def best(self, history: Sequence[Evaluation]) -> Values:
         """Return the candidate that is expected to be fastest after ``history``, tried or not."""
         with threadpool_limits(1):
-            return dict(self.candidates[self._belief(history)[1].best])
+            return dict(self.candidates[self._believed(history).belief.best])
 
     def told(self, history: Sequence[Evaluation]) -> Told:
         """Return what is believed after ``history``, and how sure that is."""
         with threadpool_limits(1):
-            cloud, belief = self._belief(history)
-            gains = cloud.gains(belief, generator(self.seed, len(history)))
-            slower, sure = regret(belief, generator(self.seed, _JUDGED + len(history)))
+            known, number = self._believed(history), len(history)
+            if number not in known.told:
+                known.told[number] = self._judged(history)
+        return known.told[number]
+
+    def _judged(self, history: Sequence[Evaluation]) -> Told:
+        belief, gains = self._gains(history)
+        slower, sure = regret(belief, generator(self.seed, _JUDGED + len(history)))
         best = belief.best
         return Told(
             dict(self.candidates[best]),

@@ -30,7 +30,8 @@ def content_key(*decides: object) -> str:
 @cache
 def _simulator() -> bytes:
     """Return what stands for the simulator and for what draws the fish: other code, other speeds."""
-    sources = [*Path(fin_sim.__path__[0]).rglob("*.py"), Path(__file__).with_name("plausible.py")]
+    simulator = Path(fin_sim.__path__[0])
+    sources = [*simulator.rglob("*.py"), *simulator.rglob("*.yaml"), Path(__file__).with_name("plausible.py")]
     digest = hashlib.sha256()
     for path in sorted(sources):
         digest.update(path.read_bytes())

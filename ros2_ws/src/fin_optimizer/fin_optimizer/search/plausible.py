@@ -19,7 +19,7 @@ from fin_sim.batch.columns import fin_columns
 from fin_sim.batch.lanes import lane_figures
 from fin_sim.batch.result import FIGURES
 from fin_sim.batch.task import checked_task
-from fin_sim.swim import PAPER_FISH, RAMP_TIME
+from fin_sim.swim import LARGEST_NORMAL_DRAG, PAPER_FISH, RAMP_TIME
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -51,7 +51,6 @@ STIFFNESS_WIDTH = 0.4
 _MATERIALS = 8
 """Moduli that have a factor each; where there are more, all have the same."""
 _SPEED = FIGURES.index("mean_forward_speed")
-_LARGEST_NORMAL_DRAG = 10.0
 STEP = 0.35
 """Of fish drawn anew, in standard deviations of the prior."""
 _OTHER_KIND = 0.1
@@ -206,7 +205,7 @@ def _speeds_of(fins: Fins, row: Array, kind: Kind) -> Array:
             lift_area=body.lift_area * of["lift_area"],
             yaw_drag=body.yaw_drag * of["yaw_drag"],
         ),
-        water=replace(water, normal_drag=min(water.normal_drag * of["normal_drag"], _LARGEST_NORMAL_DRAG)),
+        water=replace(water, normal_drag=min(water.normal_drag * of["normal_drag"], LARGEST_NORMAL_DRAG)),
     )
     stiffness = prior.stiffness * factors[len(WIDTHS) :]
     built = [

@@ -14,7 +14,7 @@ from fin_plant.checks import counted
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
-from fin_sim.swim import SIMULATOR_PARAMETERS
+from fin_sim.swim import LARGEST_NORMAL_DRAG, SIMULATOR_PARAMETERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 SAMPLE_TIME = 0.01
 _STEP = 1e-3
-_LARGEST_NORMAL_DRAG = 10.0
 HIDDEN_WIDTHS = {
     "mass": 0.15,
     "drag": 0.3,
@@ -150,7 +149,7 @@ class HiddenFish:
             yaw_drag=fish.body.yaw_drag * self._deviation.yaw_drag,
         )
         water = replace(
-            fish.water, normal_drag=min(fish.water.normal_drag * self._deviation.normal_drag, _LARGEST_NORMAL_DRAG)
+            fish.water, normal_drag=min(fish.water.normal_drag * self._deviation.normal_drag, LARGEST_NORMAL_DRAG)
         )
         softer = replace(fin, young_modulus=fin.young_modulus * self._deviation.stiffness)
         chain = build_chain(replace(fish, body=body, water=water), softer)
