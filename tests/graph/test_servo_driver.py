@@ -573,6 +573,14 @@ def test_a_reset_is_asked_for_by_programs_and_confirmed_by_a_person(
     assert state is not None
     assert state.state is State.WAITING_FOR_RESET
     assert state.stamp > first.stamp
+    # A second driver of the same name, be it a rehearsal's, would get whatever is confirmed to this one, and this one
+    # what an emulated operator confirms to the other.
+    with client.another_plant():
+        client.wait_until(lambda: "2 plants publish topic /fish/plant_state" in client.reason(), "a plant not alone")
+        assert not client.confirm_fin().success
+        assert client.change_state(DEACTIVATE)
+        assert not client.change_state(ACTIVATE)
+    client.wait_until(lambda: "not armed" in client.reason(), "a plant alone")
 
 
 # -- bad set-ups: configure fails with the reason --------------------------------------------------------------------

@@ -82,6 +82,16 @@ class RobotClient(PlantTester):
             self.confirm_mark()
         return state is not None and state.state is State.READY
 
+    @contextlib.contextmanager
+    def another_plant(self) -> Iterator[None]:
+        """Have another plant in the driver's namespace, as far as the graph tells."""
+        state = topics.PLANT_STATE
+        publisher = self._node.create_publisher(state.type, state.name, state.qos)
+        try:
+            yield
+        finally:
+            self._node.destroy_publisher(publisher)
+
     def reason(self) -> str:
         """Return the reason in the newest plant_state."""
         self.spin(0.1)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fin_plant.fin import Fin
 from fin_plant.plant_state import State
-from fin_servo_driver.robot_states import LEAST_SIGHT, Device, RobotStates, Waiting
+from fin_servo_driver.robot_states import LEAST_SIGHT, Device, RobotStates, Waiting, other_plants
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -205,6 +205,32 @@ def test_an_answer_to_a_question_from_before_an_unseen_fault_does_not_count(faul
     fault(robot)
     assert not robot.states.confirm_mark(robot.device, robot.now).accepted
     assert robot.confirm_mark().accepted
+
+
+def test_beside_another_plant_nothing_is_confirmed_and_afterwards_the_mark_is_owed() -> None:
+    """Two drivers of one name: what is confirmed to a rehearsal, by its emulated operator, reaches the robot too."""
+    both = other_plants("/fish/plant_state", ["/fish/servo_driver", "/fish/servo_driver"])
+    assert not other_plants("/fish/plant_state", ["/fish/servo_driver"])
+    robot = Robot()
+    robot.configure()
+    robot.states.others = both
+    assert "2 plants publish topic /fish/plant_state" in robot.confirm_fin().text
+    robot.states.others = ""
+    robot.wait()
+    assert robot.confirm_fin().accepted
+    robot.states.armed = True
+    robot.wait()
+    assert robot.confirm_mark().accepted
+    assert robot.look().state is State.READY
+    robot.states.swimming_since = 1
+    robot.states.others = both
+    assert robot.look().waiting is Waiting.BEING_ALONE
+    assert not robot.confirm_mark().accepted
+    assert robot.request_reset().accepted
+    robot.states.rest()
+    robot.states.others = ""
+    assert robot.look().waiting is Waiting.MARK
+    assert not robot.states.confirm_mark(robot.device, robot.now).accepted
 
 
 def test_a_reset_that_is_asked_for_again_and_again_can_still_be_answered() -> None:

@@ -44,6 +44,7 @@ _WAITING = {
     "configuring": ("{Confirm} to open the port and check the device. Nothing moves by that.", "configure"),
     "fin": ("Mount this fin. When it is on and nobody's hands are near the tail, {confirm}.", "confirm_fin"),
     "arming": ("Hands off the tail. {Confirm} to ARM the driver: from then on a gait moves it.", "activate"),
+    "being alone": ("End the other plant, or give it a namespace of its own. Until then nothing is confirmed.", ""),
     "mark": ("Bring the fish back to its mark and let the water settle. Then {confirm}.", "confirm_mark"),
 }
 """What to do, and what a confirmation then asks for, by what the driver waits for."""

@@ -112,6 +112,8 @@ class Operator:
         state = self._state
         if state is None or state.plant != PLANT or now < self._busy_until:
             return  # never a robot's driver that was started beside it
+        if self._node.count_publishers(topics.PLANT_STATE.name) != 1:
+            return  # under the same name it would get whatever this one is asked
         if now - self._since < max(self.delay, _SIGHT):
             return
         waiting = state.details.get("waiting_for", "")

@@ -3,7 +3,8 @@
 Programs ask, people confirm. `RobotStates.want_fin` and `RobotStates.request_reset` are what an optimiser may call, in
 any order and as often as it likes; nothing that it calls leads on to READY where a person's answer is owed. Owed are:
 the fin, once another one was wanted than the one mounted; the mark, once a reset was asked for, after an emergency stop
-was released, and after every fault of the device.
+was released, after every fault of the device, and after another plant was seen beside this one: what is confirmed to
+the one may reach the other.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from fin_plant.plant_state import EMERGENCY, RELEASE, State
 from fin_servo_driver.fin_instruction import instruction
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from fin_plant.parameters import Value
 
@@ -35,6 +36,7 @@ class Waiting(Enum):
     ARMING = "arming"
     MARK = "mark"
     RELEASE = RELEASE
+    BEING_ALONE = "being alone"
     DEVICE = "device"
 
 
@@ -72,6 +74,17 @@ class Answer:
     text: str
 
 
+def other_plants(topic: str, publishers: Sequence[str]) -> str:
+    """Return why a plant is not alone, from the names of all nodes that publish its state's topic; empty if it is."""
+    if len(publishers) < 2:  # noqa: PLR2004 - the plant itself is one
+        return ""
+    names = ", ".join(sorted(publishers))
+    return (
+        f"{len(publishers)} plants publish topic {topic} ({names}), and what is confirmed to one may reach the other: "
+        "leave only one; one that was killed is seen for up to 20 s more"
+    )
+
+
 class RobotStates:
     """What is owed, mounted, armed and stopped.
 
@@ -82,6 +95,7 @@ class RobotStates:
         mounted: The fin that a person has confirmed, by parameter; None before.
         swimming_since: Plant's time in ns at which the tail began to move, None while it does not.
         stop_reason: Why it stopped by itself.
+        others: Which plants there are beside this one, as a reason; empty while it is alone.
     """
 
     def __init__(self, wanted: Mapping[str, Value]) -> None:
@@ -96,6 +110,7 @@ class RobotStates:
         self.mounted: Mapping[str, Value] | None = None
         self.swimming_since: int | None = None
         self.stop_reason = ""
+        self.others = ""
         self._wanted = {name: wanted[name] for name in FIN_PARAMETERS}
         self._fin_owed = True
         self._mark_owed = False
@@ -180,6 +195,8 @@ class RobotStates:
             if device.reconnects != self._reconnects:
                 self._asked = ()  # the question is a new one, though nobody has looked in between
             self._reconnects = device.reconnects
+        if self.others:
+            self._mark_owed = True
         standing = self._standing(device)
         asked = (standing.waiting, *self._wanted.values()) if standing.waiting is Waiting.FIN else (standing.waiting,)
         if asked != self._asked:
@@ -201,6 +218,8 @@ class RobotStates:
         if device is not None and not device.connected:
             waiting = Waiting.DEVICE if device.alive else None
             return Standing(State.FAULT, device.reason or "the device is not connected", waiting)
+        if device is not None and self.others:
+            return Standing(State.WAITING_FOR_RESET, self.others, Waiting.BEING_ALONE)
         return self._owed(device) or Standing(State.READY, self.stop_reason)
 
     def _owed(self, device: Device | None) -> Standing | None:

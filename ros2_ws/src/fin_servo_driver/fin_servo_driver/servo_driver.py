@@ -27,7 +27,7 @@ from fin_servo_driver.line import DeviceError
 from fin_servo_driver.managed_node import ManagedNode
 from fin_servo_driver.port import name_warning
 from fin_servo_driver.robot_setup import RobotSetup
-from fin_servo_driver.robot_states import NOT_CONFIGURED, Device, RobotStates
+from fin_servo_driver.robot_states import NOT_CONFIGURED, Device, RobotStates, other_plants
 from fin_servo_driver.tail import Phase, Settings
 from fin_servo_driver.wall_clock import stamp_of
 
@@ -120,6 +120,9 @@ class ServoDriver:
         io = self._need_io()
         if self._states.emergency:
             raise DeviceError(EMERGENCY)
+        self._see_others()
+        if self._states.others:
+            raise DeviceError(self._states.others)
         if not io.health.connected:
             raise DeviceError(io.health.reason)
         if io.health.phase is not Phase.DISARMED:
@@ -209,6 +212,15 @@ class ServoDriver:
         """Publish the state if it has changed, or in any case; with a new stamp unless a swim goes on."""
         limits = self._motion.limits if self._io is not None and self._motion is not None else ()
         self._topics.tell_state(self._look(), self._states, self._values, self._parameters.awaited, limits, anew=anew)
+
+    def _see_others(self) -> None:
+        """See whether another plant tells its state here: under the same name it gets all that this one is asked."""
+        topic = self.node.resolve_topic_name(topics.PLANT_STATE.name)
+        ends = ends_of(self.node.get_publishers_info_by_topic(topic))
+        self._states.others = other_plants(topic, [end.node for end in ends])
+        if self._states.others and self._states.swimming_since is not None and self._io is not None:
+            self._io.stop_tail()
+            self._rest()
 
     def _rest(self, reason: str = "") -> None:
         """Note that the tail swims no more."""
@@ -300,9 +312,11 @@ class ServoDriver:
         return self._answered(answer, response)
 
     def _on_confirm_fin(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._see_others()
         return self._answered(self._states.confirm_fin(self._device(), time.monotonic()), response)
 
     def _on_confirm_mark(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._see_others()
         return self._answered(self._states.confirm_mark(self._device(), time.monotonic()), response)
 
     def _answered(self, answer: Answer, response: Trigger.Response) -> Trigger.Response:
@@ -378,6 +392,7 @@ class ServoDriver:
         self._stop.close()
 
     def _publish_diagnostics(self) -> None:
+        self._see_others()
         forever = bool(self._values["watchdog.disabled_knowingly"])
         self._topics.tell_diagnostics(self._look(), self._counters, self._io, watchdog_off=forever)
 
