@@ -152,13 +152,14 @@ def test_gains_are_the_integral_over_what_a_trial_may_tell() -> None:
 
 
 def test_expected_regret_is_that_of_the_mixture() -> None:
-    """Of two fish as likely as each other one is best with another fin, and misses a third."""
+    """The fish that is believed in with one part of four is best with another fin, and misses a quarter."""
     speeds = np.array([[0.04, 0.03, 0.01], [0.02, 0.03, 0.01]])
-    belief = Cloud(speeds, np.zeros(2), np.array([[0.0], [10.0], [20.0]]), 0.05, 0.0).belief(NOTHING, np.array([]))
+    far = np.array([[0.0], [10.0], [20.0]])
+    belief = Cloud(speeds, np.log([0.25, 0.75]), far, 0.05, 0.0).belief(NOTHING, np.array([]))
     slower, sure = cloud_module.regret(belief, np.random.default_rng(1))
     assert belief.best == 1
-    assert slower == pytest.approx(0.5 * (1.0 - 0.03 / 0.04), rel=1e-6)
-    assert sure == pytest.approx(0.5)
+    assert slower == pytest.approx(0.25 * (1.0 - 0.03 / 0.04), rel=1e-6)
+    assert sure == pytest.approx(0.75)
 
 
 def test_what_lies_between_the_fish_of_a_cloud_is_believed_where_few_are_near() -> None:

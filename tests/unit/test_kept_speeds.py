@@ -65,12 +65,12 @@ def test_what_decides_has_a_name_of_its_own() -> None:
 
 
 def test_another_simulator_has_other_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its Python is what counts."""
+    """Its Python and its tables are what counts."""
     monkeypatch.setattr(fin_sim, "__path__", [str(tmp_path)])
     found = [kept_speeds._simulator.__wrapped__()]
-    for name, text in (("a.py", "a"), ("a.py", "b"), ("deep/b.py", "a"), ("deep/b.txt", "a")):
+    for name, text in (("a.py", "a"), ("a.py", "b"), ("deep/b.py", "a"), ("c.yaml", "a"), ("deep/b.txt", "a")):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text, encoding="utf-8")
         found.append(kept_speeds._simulator.__wrapped__())
-    assert len(set(found)) == 4
+    assert len(set(found)) == 5
     assert found[-1] == found[-2]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+import fin_optimizer
 import fin_sim
 
 if TYPE_CHECKING:
@@ -30,8 +31,8 @@ def content_key(*decides: object) -> str:
 @cache
 def _simulator() -> bytes:
     """Return what stands for the simulator and for what draws the fish: other code, other speeds."""
-    simulator = Path(fin_sim.__path__[0])
-    sources = [*simulator.rglob("*.py"), *simulator.rglob("*.yaml"), Path(__file__).with_name("plausible.py")]
+    simulator, drawn = Path(fin_sim.__path__[0]), Path(fin_optimizer.__path__[0]) / "search" / "plausible.py"
+    sources = [*simulator.rglob("*.py"), *simulator.rglob("*.yaml"), drawn]
     digest = hashlib.sha256()
     for path in sorted(sources):
         digest.update(path.read_bytes())
