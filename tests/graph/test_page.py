@@ -15,8 +15,11 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.duration import Duration
 from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
 
 from fin_bringup.page.action_log import ActionLog
+from fin_bringup.page.fish_streams import UNMARKED, FishStreams
 from fin_bringup.page.graph import GraphClient
 from fin_optimizer.study.records import ASKED_FOR_AGAIN, read_trials
 from fin_plant import topics
@@ -124,6 +127,34 @@ def test_a_trial_that_ends_as_the_next_one_begins_is_on_the_page(ros_domain: int
     finally:
         page.close()
         teller.destroy_node()
+        rclpy.try_shutdown()
+
+
+def test_a_fish_whose_markers_are_seen_last_is_not_drawn_from_its_joints_before(ros_domain: int) -> None:
+    with starting_ros():
+        fish = Node("simulator", namespace="/fish")
+    joints = fish.create_publisher(topics.JOINT_STATES.type, topics.JOINT_STATES.name, topics.JOINT_STATES.qos)
+    streams = FishStreams("/fish")
+
+    def tail(now: float) -> int | None:
+        """Return how many points the tail has that is shown, once there is one."""
+        streams.attend(now, listen=True)
+        joints.publish(JointState(position=[0.0] * 7))
+        frame = streams.frame({"fin.length": "0.08"})
+        return None if frame is None else len(frame["tail"])
+
+    try:
+        wait_until(lambda: fish.count_subscribers("/fish/markers") == 1, PATIENCE, "a page", lambda: tail(0.0))
+        assert joints.get_subscription_count() == 0
+        wait_until(lambda: tail(UNMARKED), PATIENCE, "a fish without markers")
+        markers = fish.create_publisher(topics.MARKERS.type, topics.MARKERS.name, topics.MARKERS.qos)
+        body = Marker(type=Marker.SPHERE)
+        meanwhile = lambda: markers.publish(MarkerArray(markers=[body, Marker(type=Marker.CUBE)]))  # noqa: E731
+        wait_until(lambda: tail(UNMARKED) == 2, PATIENCE, "its markers", meanwhile)
+        wait_until(lambda: joints.get_subscription_count() == 0, PATIENCE, "an end of the joints")
+    finally:
+        streams.close()
+        fish.destroy_node()
         rclpy.try_shutdown()
 
 

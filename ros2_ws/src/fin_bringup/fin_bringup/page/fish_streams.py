@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _NEWEST = QoSProfile(reliability=ReliabilityPolicy.BEST_EFFORT, history=HistoryPolicy.KEEP_LAST, depth=1)
 _MARKED, _MEASURED = (topics.MARKERS,), (topics.POSE, topics.JOINT_STATES, topics.VELOCITY)
 """What a simulated fish is seen by, ten times a second however fast it swims, and what a robot is."""
+UNMARKED = 2.0
+"""s after which a fish that tells where it is has no markers; they are not always the first that is discovered."""
 _FISH = node_table("fin_sim", SIMULATOR)
 _PEDUNCLE_LINK = 0.04
 """m. A robot does not tell how long its links are; its picture is not to scale."""
@@ -43,6 +45,7 @@ class FishStreams:
         self._newest: dict[str, Any] = {}
         self._speed = Speedometer()
         self._since = 0
+        self._unmarked_since: float | None = None
 
     def close(self) -> None:
         """Leave the graph."""
@@ -53,16 +56,27 @@ class FishStreams:
         self._since = stamp
         self._speed.forget()
 
-    def attend(self, *, listen: bool) -> None:
-        """Listen to what there is, or to nothing."""
-        marked = self._node.count_publishers(self._node.resolve_topic_name(topics.MARKERS.name))
-        wanted = {topic.name: topic for topic in (_MARKED if marked else _MEASURED)} if listen else {}
+    def attend(self, now: float, *, listen: bool) -> None:
+        """Listen to what there is at ``now`` s, or to nothing."""
+        wanted = {topic.name: topic for topic in self._streams(now)} if listen else {}
         for name in self._taken.keys() - wanted.keys():
             self._node.destroy_subscription(self._taken.pop(name))
             self._newest.pop(name, None)
         for name in wanted.keys() - self._taken.keys():
             topic = wanted[name]
             self._taken[name] = self._node.create_subscription(topic.type, name, lambda _: None, _NEWEST)
+
+    def _streams(self, now: float) -> tuple[topics.Topic[Any], ...]:
+        """Return what a fish is seen by: its markers, or what tells where it is if it has none."""
+        if any(map(self._published, _MARKED)) or not any(map(self._published, _MEASURED)):
+            self._unmarked_since = None
+            return _MARKED
+        if self._unmarked_since is None:
+            self._unmarked_since = now
+        return _MEASURED if now - self._unmarked_since >= UNMARKED else _MARKED
+
+    def _published(self, topic: topics.Topic[Any]) -> bool:
+        return self._node.count_publishers(self._node.resolve_topic_name(topic.name)) > 0
 
     def frame(self, fin: Any) -> dict[str, Any] | None:
         """Return the fish as pages are told of it; None where nothing new has come."""

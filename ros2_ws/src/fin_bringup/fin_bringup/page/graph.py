@@ -180,7 +180,7 @@ class GraphClient:
         self._board.see(plants, studies, "" if plants or studies else around(look_around(self.node)))
         for plant in plants:
             self._stop_of(plant)
-        self._streams.attend(listen=self._looking)
+        self._streams.attend(now, listen=self._looking)
         if (folder := self._board.folder) and self._viewers:
             if folder != self._folder:
                 self._folder = folder
