@@ -212,6 +212,25 @@ def test_a_stale_command_times_out_to_neutral_and_then_no_pulse(
     assert len(recorder(port).widths) == sent
 
 
+@pytest.mark.long
+def test_a_driver_that_was_stopped_as_a_whole_does_not_go_on_with_its_swim(
+    driver_as_it_comes: StartedProcess, client: RobotClient, port: PtyPort
+) -> None:
+    """Ctrl-Z and fg: it finds gaits that are waiting for it before it finds that none came."""
+    client.make_ready()
+    swim_a_little(client, port, 0.0)
+    begun = client.wait_for_state(State.SWIMMING).stamp
+    driver_as_it_comes.signal(signal.SIGSTOP)
+    client.spin(1.0)
+    driver_as_it_comes.signal(signal.SIGCONT)
+
+    def ended() -> bool:
+        state = client.state()
+        return state is not None and state.stamp != begun
+
+    client.wait_until(ended, "that swim's end", 20.0)
+
+
 def test_deactivating_leads_to_neutral_and_then_no_pulse(
     driver: StartedProcess, client: RobotClient, port: PtyPort
 ) -> None:

@@ -43,12 +43,14 @@ class Rig:
 
     Attributes:
         clock: Of the loop and of its line.
+        asleep: s for which the machine has slept.
         port: The device's port, None on a line of the test's own.
     """
 
     def __init__(self, name: str, device: Device | None = None, line: BrokenLine | None = None) -> None:
         robot = robot_file.load(robot_file.find(name))
         self.clock = OwnClock()
+        self.asleep = 1000.0
         backend = backends.make(robot, self.clock)
         self.motion: Motion = (
             RelayMotion(robot.relays, robot.timing, 1.0 / backend.rate)
@@ -67,6 +69,7 @@ class Rig:
             "simulated://",
             self.reports.append,
             self.clock,
+            lambda: self.asleep,
         )
 
     def gait(self) -> None:
@@ -332,6 +335,25 @@ def test_replugs_recover_and_wait_for_a_fresh_gait(rig: Rig) -> None:
         assert not rig.driven()
         rig.swim(0.1)
     assert rig.loop.health.reconnects == 20
+
+
+@pytest.mark.parametrize("rig", ["firmata", "lcus"], indirect=True)
+def test_a_computer_that_slept_does_not_go_on_with_the_swim(rig: Rig) -> None:
+    rig.arm()
+    rig.swim()
+    rig.asleep += 0.1  # within what two looks at two clocks may differ
+    rig.run(0.1, gait=True)
+    ticks = rig.loop.health.ticks
+    assert rig.loop.health.reconnects == 0
+    rig.asleep += 3600.0
+    rig.gait()
+    rig.turn(gait=False)
+    rig.run(0.3)
+    assert not rig.driven()
+    assert rig.loop.health.ticks == ticks
+    assert rig.loop.health.reconnects == 1, "so that the mark is owed"
+    assert rig.loop.health.phase is Phase.SILENT
+    assert "slept for 3600 s" in rig.reports[-1]
 
 
 def test_garbage_from_the_device_changes_nothing() -> None:

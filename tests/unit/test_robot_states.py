@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fin_plant.fin import Fin
 from fin_plant.plant_state import State
-from fin_servo_driver.robot_states import LEAST_SIGHT, Device, RobotStates, Waiting, other_plants
+from fin_servo_driver.robot_states import LEAST_SIGHT, LONGEST_BLINK, Device, RobotStates, Waiting, other_plants
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -231,6 +231,16 @@ def test_beside_another_plant_nothing_is_confirmed_and_afterwards_the_mark_is_ow
     robot.states.others = ""
     assert robot.look().waiting is Waiting.MARK
     assert not robot.states.confirm_mark(robot.device, robot.now).accepted
+
+
+def test_an_answer_that_a_driver_finds_after_it_hung_does_not_count() -> None:
+    robot = Robot()
+    robot.become_ready()
+    robot.request_reset()
+    robot.wait(1.0)
+    robot.now += LONGEST_BLINK + 1.0
+    assert not robot.states.confirm_mark(robot.device, robot.now).accepted
+    assert robot.confirm_mark().accepted
 
 
 def test_a_reset_that_is_asked_for_again_and_again_can_still_be_answered() -> None:

@@ -41,6 +41,28 @@ def test_a_tail_that_does_not_follow_in_time_has_not_started(late: float, end: E
     assert accepted.ended(SILENT, 1.0 + TAKE_SECONDS + late) is end
 
 
+@pytest.mark.parametrize(
+    ("gait", "late", "timeout", "fell"),
+    [
+        (PAPER_GAIT, 0.5, 0.5, False),
+        (PAPER_GAIT, 0.51, 0.5, True),
+        (PAPER_GAIT, float("nan"), 0.5, True),
+        (PAPER_GAIT, 3600.0, None, False),
+        (STILL, 3600.0, 0.5, False),
+    ],
+)
+def test_a_gait_that_comes_too_late_does_not_go_on_with_the_one_before(
+    gait: Gait, late: float, timeout: float | None, fell: bool
+) -> None:
+    accepted = AcceptedGait()
+    assert not accepted.fell_silent(9.0, timeout)
+    accepted.command(gait, 0.8)
+    accepted.command(gait, 1.0)
+    assert accepted.fell_silent(1.0 + late, timeout) is fell
+    accepted.forget()
+    assert not accepted.fell_silent(1.0 + late, timeout)
+
+
 def test_the_end_of_a_gait_is_there_when_the_tail_stands_by_a_command_of_that_end() -> None:
     accepted = AcceptedGait()
     assert not accepted.stands(SILENT)

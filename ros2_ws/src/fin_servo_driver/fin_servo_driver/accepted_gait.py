@@ -48,6 +48,15 @@ class AcceptedGait:
         self._command = Command(gait, now, self.since)
         return self._command
 
+    def fell_silent(self, now: float, timeout: float | None) -> bool:
+        """Return whether a gait that moves was not repeated in time before ``now`` s, whoever else has noticed.
+
+        A driver that was stopped as a whole, Ctrl-Z for one, finds the next gait there before it finds that none came.
+        """
+        if self._command is None or not self.moves or timeout is None:
+            return False
+        return not now - self._command.time <= timeout
+
     def forget(self) -> None:
         """Note that the tail is at rest, or is being led to it."""
         self._command = None

@@ -18,6 +18,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from fin_servo_driver.backends.backend import Feedback
+from fin_servo_driver.clock import seconds_asleep
 from fin_servo_driver.health import Health, Sample
 from fin_servo_driver.line import DeviceError, LineStalledError, Stop, StopAskedError, StoppableLine
 from fin_servo_driver.mailbox import Mailbox
@@ -44,6 +45,8 @@ _FAULT_SHOWN = 5.0
 """s for which a complaint of the device is told; one that goes on is told anew."""
 _START_SECONDS = 0.2
 """s for which a start is tried again while the servos do not tell where they stand."""
+_SLEPT_SECONDS = 0.5
+"""s of sleep of the machine that count; less may be the time between a look at the one clock and at the other."""
 _DRAIN_SECONDS = 0.1
 """s in which the last frames get out before the port is closed."""
 
@@ -74,6 +77,7 @@ class DeviceLoop:
         port: str,
         report: Callable[[str], None],
         clock: Clock = time,
+        asleep: Callable[[], float] = seconds_asleep,
     ) -> None:
         """Take what the thread works with; nothing is opened yet.
 
@@ -85,6 +89,7 @@ class DeviceLoop:
             port: Its name, to see whether it is there.
             report: Takes a text for the log.
             clock: What counts as the time.
+            asleep: Returns for how many s the machine has slept, which no clock counts that stands meanwhile.
         """
         self.mailbox = Mailbox()
         self.samples: deque[Sample] = deque(maxlen=_SAMPLES_KEPT)
@@ -96,6 +101,8 @@ class DeviceLoop:
         self._port = port
         self._report = report
         self._clock = clock
+        self._asleep = asleep
+        self._slept = asleep()
         self._line: StoppableLine | None = None
         self._was_identified = False
         self._force = _Force.RELEASED
@@ -166,6 +173,7 @@ class DeviceLoop:
 
     def turn(self) -> float | None:
         """Do what was asked for and what is due; return for how many s nothing else is, or None at the end."""
+        self._see_sleep()
         now = self._clock.monotonic()
         if not self._obey():
             return None
@@ -189,6 +197,21 @@ class DeviceLoop:
             finally:
                 self._tail.phase = Phase.DISARMED
                 self.health = replace(self.health, connected=False, phase=Phase.DISARMED, still=True, reason=reason)
+
+    def _see_sleep(self) -> None:
+        """Take the force away after a sleep of the machine: nobody who wakes it expects the swim to go on."""
+        in_all = self._asleep()
+        slept, self._slept = in_all - self._slept, max(self._slept, in_all)
+        if slept <= _SLEPT_SECONDS:
+            return
+        self.mailbox.take()
+        self._tail.cut(self._clock.monotonic())
+        self._make_safe()
+        self.health = replace(self.health, reconnects=self.health.reconnects + 1)
+        self._publish_health()
+        self._report(
+            f"the computer has slept for {slept:.0f} s: the force is taken away, the tail waits for a fresh gait"
+        )
 
     def _next_after(self, now: float) -> float:
         """Note how late the tick is that is due, and return when the next one is."""

@@ -38,7 +38,7 @@ class Health:
         commanded: s of the monotonic clock at which the newest command was received that the tail has been given.
         identity: What the device says of itself.
         reason: Why it is not connected.
-        reconnects: How often it came back.
+        reconnects: How often it came back, from a sleep of the computer too.
         connected_since: s of the monotonic clock.
         ticks: Set-points sent.
         missed: Ticks that were skipped because the thread was late.

@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
 LEAST_SIGHT = 0.2
 """s for which a question must have stood before an answer counts: within less no person can have seen it."""
+LONGEST_BLINK = 3.0
+"""s for which nobody has looked after which a question is a new one: a driver that hung so long was shown as silent,
+and who answered it meanwhile has seen no effect, and may have his hands at the tail since."""
 MARK = "bring the fish back to its mark, then confirm it"
 NOT_CONFIGURED = "the driver is not configured"
 
@@ -47,7 +50,7 @@ class Device:
     Attributes:
         connected: Whether it is there.
         reason: Why it is not.
-        reconnects: How often it came back.
+        reconnects: How often it came back, from a sleep of the computer too.
         alive: Whether the thread that speaks to it runs.
     """
 
@@ -116,7 +119,7 @@ class RobotStates:
         self._mark_owed = False
         self._reconnects = 0
         self._asked: tuple[object, ...] = ()
-        self._asked_at = 0.0
+        self._asked_at = self._looked_at = 0.0
 
     # -- what programs may call --------------------------------------------------------------------------------------
 
@@ -197,6 +200,9 @@ class RobotStates:
             self._reconnects = device.reconnects
         if self.others:
             self._mark_owed = True
+        if now - self._looked_at > LONGEST_BLINK:
+            self._asked = ()
+        self._looked_at = now
         standing = self._standing(device)
         asked = (standing.waiting, *self._wanted.values()) if standing.waiting is Waiting.FIN else (standing.waiting,)
         if asked != self._asked:

@@ -259,7 +259,7 @@ class ServoDriver:
             self._follow_phase(self._io)
         now = time.monotonic()
         try:
-            gait = self._accepted(gait_from_message(message))
+            gait = self._accepted(gait_from_message(message), now)
         except (ValueError, DeviceError) as error:
             follows = self._io is not None and self._io.health.phase is Phase.FOLLOWING
             self._counters.refuse(str(error), follows=follows)
@@ -278,8 +278,8 @@ class ServoDriver:
         if not gait.same_as(self._topics.applied):
             self._topics.tell_gait(gait)
 
-    def _accepted(self, gait: Gait) -> Gait | None:
-        """Return the gait inside the limits; None for a still one that comes while nothing moves anyway.
+    def _accepted(self, gait: Gait, now: float) -> Gait | None:
+        """Return the gait that came at ``now`` s inside the limits; None for a still one while nothing moves anyway.
 
         Raises:
             ValueError: The gait cannot be driven, or not now.
@@ -300,6 +300,10 @@ class ServoDriver:
             self._parameters.refuse_incomplete()
         if io.health.phase is Phase.STOPPING:
             msg = "the tail is on its way to neutral: send the gait again"
+            raise ValueError(msg)
+        if self._accepted_gait.fell_silent(now, self._settings().command_timeout):
+            io.stop_tail()
+            msg = "no gait came for longer than command_timeout: the tail is led to neutral, send the gait again"
             raise ValueError(msg)
         return limited
 
