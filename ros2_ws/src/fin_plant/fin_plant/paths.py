@@ -28,6 +28,20 @@ def given_path(text: str) -> Path:
     return Path(path)
 
 
+def check_output(path: Path) -> None:
+    """Refuse a file that could not be written, before what goes into it is computed.
+
+    Raises:
+        ValueError: Its folder does not exist or cannot be written to, or it is a folder itself.
+    """
+    if not path.parent.is_dir() or path.is_dir():
+        msg = f"{path}: its folder does not exist, or it is a folder itself"
+        raise ValueError(msg)
+    if not os.access(path.parent, os.W_OK):
+        msg = f"{path}: its folder cannot be written to"
+        raise ValueError(msg)
+
+
 def config_folder(package: str) -> Path:
     """Return the folder ``config`` of a package: PREFIX/share/PACKAGE/config around its modules, or beside its source.
 

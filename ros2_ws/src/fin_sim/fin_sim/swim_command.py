@@ -24,7 +24,7 @@ from fin_plant.command import EXIT_FAILURE, EXIT_INTERRUPTED, command, tell_erro
 from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.fin import PLANT_PARAMETERS, SHAPES
 from fin_plant.parameters import ParameterTable
-from fin_plant.paths import given_path
+from fin_plant.paths import check_output, given_path
 from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
 from fin_sim.dynamics import StepError
@@ -302,12 +302,7 @@ def _check_outputs(options: argparse.Namespace) -> None:
     csv_file = Path(options.csv) if options.csv and options.csv != "-" else None
     taken: set[Path] = set()
     for path in filter(None, (csv_file, options.plot, options.animate)):
-        if not path.parent.is_dir() or path.is_dir():
-            msg = f"{path}: its folder does not exist, or it is a folder itself"
-            raise ValueError(msg)
-        if not os.access(path.parent, os.W_OK):
-            msg = f"{path}: its folder cannot be written to"
-            raise ValueError(msg)
+        check_output(path)
         if path.resolve() in taken:
             msg = f"{path}: two of --csv, --plot and --animate go to the same file: give each its own"
             raise ValueError(msg)

@@ -23,7 +23,7 @@ from fin_plant.command import command
 from fin_plant.figures import check_picture, new_figure, own_style
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
-from fin_plant.paths import given_path
+from fin_plant.paths import check_output, given_path
 from fin_plant.private_folder import private_folder
 from fin_sim.swim import PAPER_FISH
 
@@ -226,6 +226,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     methods = [checks.choice("--methods", each.strip(), METHODS) for each in given.methods.split(",")]
     if given.plot:
         check_picture(given.plot)
+        check_output(given.plot)
     found = bench(methods, list(WORLDS), given.fish, given.trials, noise, given.seeds)
     sys.stdout.write(json.dumps(found, indent=2) + "\n" if given.json else _table(found, given.fish))
     if given.plot:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import os
 import shlex
 import sys
-import tempfile
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fin_optimizer.calibration.recorded import read_folder
@@ -16,10 +13,12 @@ from fin_optimizer.calibration.swims import usable
 from fin_plant import checks
 from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
-from fin_plant.paths import config_folder, given_path
+from fin_plant.paths import check_output, config_folder, given_path
+from fin_plant.whole_file import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from fin_optimizer.calibration.errors import Errors
     from fin_optimizer.calibration.fit import Fit
@@ -141,20 +140,15 @@ def _check_outputs(given: argparse.Namespace) -> None:
     if given.page:
         check_picture(given.page)
     for path in filter(None, (given.out, given.page)):
-        if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-            msg = f"{path} cannot be written: its folder must exist and be writable"
-            raise ValueError(msg)
+        check_output(path)
 
 
 def _write(path: Path, text: str) -> None:
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, prefix=".calibrate-", delete=False, encoding="utf-8") as new:
-        new.write(text)
-    Path(new.name).chmod(0o644)
-    Path(new.name).replace(path)
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
     _say(f"wrote {path}")
 
 
-def _run(given: argparse.Namespace, command: str) -> int:
+def _run(given: argparse.Namespace, made_by: str) -> int:
     _check_outputs(given)
     checks.whole_number("--starts", given.starts, 1, 1000)
     checks.whole_number("--seed", given.seed)
@@ -172,7 +166,7 @@ def _run(given: argparse.Namespace, command: str) -> int:
     found = fit(swims, settings, given.seed, given.starts, _say)
     _report(found)
     if given.out:
-        _write(given.out, fish_file(found, [swim.name for swim in swims], command))
+        _write(given.out, fish_file(found, [swim.name for swim in swims], made_by))
     if given.page:
         from fin_optimizer.calibration.page import draw_page  # noqa: PLC0415
 

@@ -21,6 +21,7 @@ from fin_plant.command import command
 from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.paths import given_path
 from fin_plant.units import quantity
+from fin_plant.whole_file import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -177,13 +178,12 @@ def written(layout: Layout, paths: Sequence[Path]) -> list[Path]:
             pdf.paper_for(layout)
     for path in paths:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(f".{path.name}.partial")
-        try:
-            writers[path.suffix.lower()](partial, layout)
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
+        _write(path, writers[path.suffix.lower()], layout)
     return list(paths)
+
+
+def _write(path: Path, write: Callable[[Path, Layout], None], layout: Layout) -> None:
+    write_whole(path, lambda part: write(part, layout))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -14,7 +14,7 @@ from fin_optimizer.calibration.swims import SHORTEST, usable
 from fin_plant import checks
 from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
-from fin_plant.paths import given_path
+from fin_plant.paths import check_output, given_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,6 +59,7 @@ def _stated(given: argparse.Namespace, knots: Sequence[float]) -> float:
 def _run(given: argparse.Namespace) -> int:
     if given.page:
         check_picture(given.page)
+        check_output(given.page)
     shown = checks.number("--given", given.given, 0.3, SHORTEST - 1.0, unit="s")
     model = read_fish(given.fish)
     read = read_folder(given.swims)

@@ -37,7 +37,6 @@ from fin_optimizer.paper.experiments import (
     perform,
     planned_runs,
 )
-from fin_optimizer.paper.files import write_whole
 from fin_optimizer.paper.space_campaign import (
     DEFAULT_FISH,
     LATER,
@@ -51,6 +50,7 @@ from fin_optimizer.search.algorithms import ALGORITHMS
 from fin_plant import checks, json_file, text_file
 from fin_plant.command import command
 from fin_plant.paths import given_path
+from fin_plant.whole_file import write_whole
 from fin_sim.chain import REACTIVE_FORMS
 from fin_sim.presets import PRESETS, preset
 from fin_sim.water_settings import PRESETS as WATERS

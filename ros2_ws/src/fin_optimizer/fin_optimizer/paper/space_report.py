@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_optimizer.goals import LESS
-from fin_optimizer.paper.files import write_whole
 from fin_optimizer.search import names
 from fin_optimizer.search.pareto import ranks
 from fin_optimizer.study.file_names import FRONT_FILE, IMPORTANCE_FILE, PARALLEL_FILE, SLICES_FILE, of_goal
@@ -17,6 +16,7 @@ from fin_optimizer.words import show_values
 from fin_plant.checks import counted
 from fin_plant.figures import empty_figure, own_style, try_to_draw
 from fin_plant.fin import Fin, ProfiledFin
+from fin_plant.whole_file import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

@@ -14,6 +14,7 @@ import numpy as np
 from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study.simulated_curve import values_along
+from fin_plant.whole_file import write_whole
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -74,9 +75,8 @@ class KeptSpeeds:
         Raises:
             OSError: The disk refuses.
         """
-        partial = path.with_name(path.name + ".partial")
-        partial.write_text(json.dumps({"key": self.key, "speeds": self.known}), encoding="utf-8")
-        partial.replace(path)
+        text = json.dumps({"key": self.key, "speeds": self.known})
+        write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 def key_of(*decides: object) -> str:

@@ -10,6 +10,7 @@ from fin_optimizer.search.space import Choice
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import CM, MODULUS, in_words, show_number, show_speed, show_values
 from fin_plant.figures import empty_figure, own_style
+from fin_plant.whole_file import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -240,9 +241,4 @@ def _save(figure: Figure, axes: Axes, path: Path, *, below: bool = False) -> Non
 
 def save_whole(figure: Figure, path: Path) -> None:
     """Write a picture; an older one is replaced as a whole or not at all."""
-    partial = path.with_name(f"{path.stem}.partial{path.suffix}")
-    try:
-        figure.savefig(partial)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, figure.savefig)

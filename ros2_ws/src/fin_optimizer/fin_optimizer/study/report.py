@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from fin_optimizer.goals import ENERGY_PER_METRE, MEAN_SPEED, MEASURES
 from fin_optimizer.words import SPREAD, with_unit
+from fin_plant.whole_file import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -80,6 +81,5 @@ def _utc(time: datetime | None) -> str:
 
 def write_table(path: Path, trials: Sequence[TrialRecord], settings: Settings) -> None:
     """Write `trials_table` to ``path``; an older file is replaced as a whole or not at all."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(trials_table(trials, settings), encoding="utf-8")
-    partial.replace(path)
+    text = trials_table(trials, settings)
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))

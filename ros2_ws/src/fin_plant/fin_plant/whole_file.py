@@ -1,4 +1,4 @@
-"""Files of a campaign that are there whole or not at all."""
+"""Files that are there whole or not at all, though a kill may come at any moment; a power cut is not told from it."""
 
 from __future__ import annotations
 
