@@ -428,6 +428,10 @@ def test_a_device_that_was_away_is_back_at_its_mark_only_when_a_person_says_so(
     swim_a_little(client, port, 0.0)
     port.unplug()
     client.wait_for_state(State.FAULT)
+    stop = client.emergency_stop(on=True)
+    assert not stop.success, "nothing has told the device, which may keep its force"
+    assert "use its switch" in stop.message
+    assert client.emergency_stop(on=False).success
     port.plug()
     assert client.wait_for_state(State.WAITING_FOR_RESET).details["waiting_for"] == "mark"
     assert client.request_reset().success

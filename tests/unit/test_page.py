@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fin_bringup.page import offers
 from fin_bringup.page.access import Access, is_here
 from fin_bringup.page.action_log import LOG_FILE, ActionLog, line
-from fin_bringup.page.board import MISSED, SILENT, STREAM_SILENT, Board, Missed, Stop, as_json, ended
+from fin_bringup.page.board import MISSED, SILENT, STREAM_SILENT, Board, Missed, Stop, as_json, ended, to_stop
 from fin_bringup.page.fish_shape import Piece, Shape, Speedometer, from_joints, from_pieces
 from fin_bringup.page.offers import Guard, of_plant, of_study
 from fin_optimizer.mode import Mode
@@ -234,6 +234,14 @@ def test_trials_heard_before_the_study_told_its_goal_have_no_score_of_it(board: 
     board.trial_is({"trial": "0", "outcome": "OK", "score [m/s]": "0.02"}, "", 0.0)
     board.study_is(progress(objective="efficiency"), "", 0.0)
     assert board.search()["scores"] == [(0, None, False)]
+
+
+def test_a_stop_is_for_every_plant_that_is_seen_whatever_service_is_found() -> None:
+    robot, simulator = "/fish/servo_driver", "/fish/simulator"
+    assert to_stop({robot: True, simulator: False}, [robot], robot) == [robot]
+    assert to_stop({robot: False, simulator: True}, [robot, simulator], robot) == [simulator, robot]
+    assert to_stop({robot: False, simulator: False}, [], robot) == [robot]
+    assert to_stop({robot: False, simulator: False}, [], "") == [robot, simulator]
 
 
 def test_a_stop_is_heard_when_every_plant_has_answered_and_lost_when_one_has_not() -> None:

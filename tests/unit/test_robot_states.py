@@ -11,7 +11,15 @@ from hypothesis import strategies as st
 
 from fin_plant.fin import Fin
 from fin_plant.plant_state import State
-from fin_servo_driver.robot_states import LEAST_SIGHT, LONGEST_BLINK, Device, RobotStates, Waiting, other_plants
+from fin_servo_driver.robot_states import (
+    LEAST_SIGHT,
+    LONGEST_BLINK,
+    NOT_THERE,
+    Device,
+    RobotStates,
+    Waiting,
+    other_plants,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -231,6 +239,19 @@ def test_beside_another_plant_nothing_is_confirmed_and_afterwards_the_mark_is_ow
     robot.states.others = ""
     assert robot.look().waiting is Waiting.MARK
     assert not robot.states.confirm_mark(robot.device, robot.now).accepted
+
+
+def test_a_stop_of_a_device_that_is_away_says_that_it_may_not_have_been_told() -> None:
+    robot = Robot()
+    robot.become_ready()
+    robot.states.emergency = True
+    assert NOT_THERE not in robot.look().reason
+    robot.lose("/dev/x was lost")
+    said = robot.look()
+    assert said.waiting is Waiting.RELEASE
+    assert said.reason.endswith(f"{NOT_THERE}: /dev/x was lost")
+    robot.reconnect()  # which disables it first
+    assert NOT_THERE not in robot.look().reason
 
 
 def test_an_answer_that_a_driver_finds_after_it_hung_does_not_count() -> None:

@@ -19,6 +19,7 @@ from fin_servo_driver.calibration import Calibration, Leave
 from fin_servo_driver.emulator.devices import Firmata
 from fin_servo_driver.fin_instruction import instruction, material, sizes
 from fin_servo_driver.robot_file import ServoJoint
+from fin_servo_driver.robot_states import NOT_THERE
 from support.waiting import wait_until
 from support.wire import Wire
 
@@ -40,6 +41,9 @@ def state(name: State, reason: str = "", waiting_for: str = "") -> PlantState:
         (None, "Waiting for the servo driver", ""),
         (state(State.WAITING_FOR_RESET, "port /dev/x is absent", "configuring"), "open the port", "configure"),
         (state(State.FAULT, "the emergency stop is latched"), "press r", ""),
+        (state(State.FAULT, f"the emergency stop is latched; {NOT_THERE}"), "has not reached the device", ""),
+        (state(State.FAULT, f"the emergency stop is latched; {NOT_THERE}"), "use the switch", ""),
+        (state(State.WAITING_FOR_RESET, "2 plants publish", "being alone"), "End the other plant", ""),
         (state(State.FAULT, "/dev/x was lost"), "reconnects by itself", ""),
         (state(State.FAULT, "the driver's I/O thread has failed: KeyError(3)"), "start it anew", ""),
         (state(State.WAITING_FOR_FIN, waiting_for="fin"), "Mount this fin", "confirm_fin"),

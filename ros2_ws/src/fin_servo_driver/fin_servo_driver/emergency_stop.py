@@ -15,11 +15,13 @@ from fin_plant import topics
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from fin_servo_driver.robot_states import Answer
+
 
 class EmergencyStop:
     """Serves a driver's ``~/estop`` from its making to `close`."""
 
-    def __init__(self, driver: Node, act: Callable[[bool], str]) -> None:
+    def __init__(self, driver: Node, act: Callable[[bool], Answer]) -> None:
         """Offer the service.
 
         Args:
@@ -46,8 +48,8 @@ class EmergencyStop:
             self._executor.spin()
 
     def _on_request(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        response.message = self._act(request.data)
-        response.success = True
+        answer = self._act(request.data)
+        response.success, response.message = answer.accepted, answer.text
         return response
 
     def close(self) -> None:

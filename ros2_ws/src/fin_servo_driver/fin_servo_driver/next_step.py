@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fin_plant.plant_state import State
+from fin_servo_driver.robot_states import NOT_THERE
 
 if TYPE_CHECKING:
     from fin_plant.plant_state import PlantState
@@ -50,6 +51,7 @@ _WAITING = {
 """What to do, and what a confirmation then asks for, by what the driver waits for."""
 EMERGENCY = "emergency stop"
 _FAULTS = (
+    (NOT_THERE, f"{{Stop}} has not reached the device. {SWITCH} When all is safe, {{release}} to release the stop."),
     (EMERGENCY, "Stopped. When all is safe, {release} to release the emergency stop."),
     ("request_reset", "The simulated fish has stopped. Nothing to do: the study's next trial puts it back to rest."),
     ("I/O thread", "The driver has failed and moves nothing any more. Look at its log, then start it anew."),
@@ -74,6 +76,8 @@ def next_step(state: PlantState | None, controls: Controls = KEYBOARD) -> tuple[
 
 def advice_says_all(state: PlantState) -> bool:
     """Whether the state's reason adds nothing to what `next_step` says."""
+    if NOT_THERE in state.reason:
+        return False
     return EMERGENCY in state.reason or state.details.get("waiting_for") in {"fin", "arming", "mark"}
 
 

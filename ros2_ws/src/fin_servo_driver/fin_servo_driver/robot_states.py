@@ -28,6 +28,7 @@ LONGEST_BLINK = 3.0
 """s for which nobody has looked after which a question is a new one: a driver that hung so long was shown as silent,
 and who answered it meanwhile has seen no effect, and may have his hands at the tail since."""
 MARK = "bring the fish back to its mark, then confirm it"
+NOT_THERE = "its device is not there and may not have been told"
 NOT_CONFIGURED = "the driver is not configured"
 
 
@@ -220,7 +221,9 @@ class RobotStates:
 
     def _standing(self, device: Device | None) -> Standing:
         if self.emergency:
-            return Standing(State.FAULT, EMERGENCY, Waiting.RELEASE)
+            away = device is not None and not device.connected
+            untold = f"; {NOT_THERE}: {device.reason}" if device is not None and away else ""
+            return Standing(State.FAULT, f"{EMERGENCY}{untold}", Waiting.RELEASE)
         if device is not None and not device.connected:
             waiting = Waiting.DEVICE if device.alive else None
             return Standing(State.FAULT, device.reason or "the device is not connected", waiting)

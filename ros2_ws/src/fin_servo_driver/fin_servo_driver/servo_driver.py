@@ -27,7 +27,7 @@ from fin_servo_driver.line import DeviceError
 from fin_servo_driver.managed_node import ManagedNode
 from fin_servo_driver.port import name_warning
 from fin_servo_driver.robot_setup import RobotSetup
-from fin_servo_driver.robot_states import NOT_CONFIGURED, Device, RobotStates, other_plants
+from fin_servo_driver.robot_states import NOT_CONFIGURED, NOT_THERE, Answer, Device, RobotStates, other_plants
 from fin_servo_driver.tail import Phase, Settings
 from fin_servo_driver.wall_clock import stamp_of
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from fin_plant.gait import Gait
     from fin_plant.parameters import Value
-    from fin_servo_driver.robot_states import Answer, Standing
+    from fin_servo_driver.robot_states import Standing
     from fin_servo_driver.set_points import Motion
 
 PARAMETERS = node_table("fin_servo_driver", "servo_driver")
@@ -330,16 +330,20 @@ class ServoDriver:
             self.publish_state(anew=True)
         return response
 
-    def _on_emergency_stop(self, stop: bool) -> str:
+    def _on_emergency_stop(self, stop: bool) -> Answer:
         """Stop or release, and return the answer. Called in another thread: `step` tells the rest of the node."""
         if not stop:
-            return self._states.release().text
+            return self._states.release()
         self._states.emergency = True  # first, so that no gait is accepted after the cut
         if (io := self._io) is not None:
             io.cut()
         self._emergency_seen = False
         self._log.error("emergency stop")
-        return "stopped; latched until ~/estop false"
+        if io is None:
+            return Answer(accepted=True, text="latched until ~/estop false; no port is open, so no device was told")
+        if not io.health.connected:
+            return Answer(accepted=False, text=f"latched, but {NOT_THERE}, use its switch: {io.health.reason}")
+        return Answer(accepted=True, text="stopped; latched until ~/estop false")
 
     # -- work --------------------------------------------------------------------------------------------------------
 

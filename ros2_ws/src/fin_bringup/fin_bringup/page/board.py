@@ -93,6 +93,21 @@ class Stop:
         return {"number": self.number, "state": state, "time": self.time, "address": self.address, "text": text}
 
 
+def to_stop(ready: Mapping[str, bool], plants: Iterable[str], last: str) -> list[str]:
+    """Return which plants an emergency stop is for.
+
+    One that is seen is asked though its service is not found yet: else the stop would count as heard by the others.
+
+    Args:
+        ready: Whether the service of each plant that was ever known is found.
+        plants: That are seen on the graph.
+        last: The plant that is shown, empty where none ever was.
+    """
+    there = [name for name, is_found in ready.items() if is_found]
+    asked = [*there, *(name for name in plants if name not in there)]
+    return asked or ([last] if last else [*ready])
+
+
 class Missed:
     """When a study is read for the trials that were not heard."""
 
@@ -130,6 +145,7 @@ class Board:
         """
         self._session = session
         self.plant_name = ""
+        self.plants: list[str] = []
         self.plant, self.study = Node(), Node()
         self.state: PlantState | None = None
         self.device: Mapping[str, str] = {}
@@ -205,7 +221,8 @@ class Board:
             studies: That tell a study's progress there.
             seen: What is seen instead, in words.
         """
-        self.plant_name = next(iter(sorted(plants)), self.plant_name)
+        self.plants = sorted(plants)
+        self.plant_name = next(iter(self.plants), self.plant_name)
         for node, names in ((self.plant, plants), (self.study, studies)):
             node.there = bool(names)
             if names:

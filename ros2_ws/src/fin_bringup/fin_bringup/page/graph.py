@@ -19,7 +19,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 
-from fin_bringup.page.board import Board, Missed, Stop, ended
+from fin_bringup.page.board import Board, Missed, Stop, ended, to_stop
 from fin_bringup.page.fish_streams import FishStreams
 from fin_bringup.page.offers import PAUSE, RELEASE, REPEAT, START, Guard, Offer
 from fin_optimizer.parameters import OPTIMIZER, SIMULATOR
@@ -287,8 +287,8 @@ class GraphClient:
             late: s for which the page had no connection to send it by.
         """
         self._driver.drop_unsent()
-        ready = [name for name, client in self._stops.items() if client.service_is_ready()]
-        asked = ready or ([self._board.plant_name] if self._board.plant_name else [*self._stops])
+        found = {name: client.service_is_ready() for name, client in self._stops.items()}
+        asked = to_stop(found, self._board.plants, self._board.plant_name)
         self._board.stop = Stop(next(self._stop_numbers), _clock(), address, list(asked), late)
         for name in asked:
             self._requests.send(stop_request(self._stop_of(name), on=True))
