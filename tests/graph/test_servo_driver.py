@@ -285,7 +285,9 @@ def test_the_timeout_cannot_be_switched_off_by_a_slip(
 # -- ways out --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP, pytest.param(signal.SIGQUIT, marks=pytest.mark.long)]
+)
 def test_a_signal_stops_the_pulses_and_moves_nothing(
     driver: StartedProcess, client: RobotClient, port: PtyPort, number: signal.Signals
 ) -> None:

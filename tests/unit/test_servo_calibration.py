@@ -160,7 +160,7 @@ class Program:
         return frames
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGQUIT])
 def test_a_signal_lets_go_of_the_servo(tmp_path: Path, number: signal.Signals) -> None:
     program = Program(Maestro(), tmp_path, stdin=subprocess.PIPE)
     program.wait_until(lambda: program.is_held, "a servo that is held")

@@ -162,7 +162,7 @@ class StudyProcesses:
             end.setblocking(False)  # noqa: FBT003
         self._waker = waker
         signal.set_wakeup_fd(waker.fileno(), warn_on_full_buffer=False)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
             if number != signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:  # as under `nohup`
                 signal.signal(number, self._note)
         self._selector.register(woken, selectors.EVENT_READ, woken)

@@ -66,7 +66,7 @@ class _Stop:
     def __init__(self) -> None:
         self.signal = 0
         self.interrupted: Interruptible | None = None
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGQUIT):  # the last is Ctrl-backslash
             signal.signal(number, self._note)
         if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under `nohup`
             signal.signal(signal.SIGHUP, self._note)
@@ -116,9 +116,9 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
             process' own command line is taken, and words that are not for ROS are refused.
 
     Returns:
-        The node's own exit code, 128 + signal after SIGINT (130), SIGTERM (143) or SIGHUP (129, its terminal was
-        closed) or 0 then if END_BY_SIGNAL_IS_SUCCESS is set, 2 for a start value that is refused (its message goes to
-        stderr).
+        The node's own exit code, 128 + signal after SIGINT (130), SIGTERM (143), SIGQUIT (131) or SIGHUP (129, its
+        terminal was closed) or 0 then if END_BY_SIGNAL_IS_SUCCESS is set, 2 for a start value that is refused (its
+        message goes to stderr).
     """
     go_on_when_output_closes()
     if args is None:

@@ -61,7 +61,7 @@ class Signals:
 
     def install(self) -> None:
         """Take the signals from now on. A closed terminal must not leave the servo under force either."""
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
             signal.signal(number, self._take)
 
     def _take(self, number: int, _frame: object) -> None:

@@ -227,7 +227,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return EXIT_USAGE
     # Noted only: an exception out of a signal's handler is lost where it meets one of rclpy's callbacks.
     signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
         signal.signal(number, lambda came, _frame: signals.append(came))
     with node_process.starting_ros():
         client = SpunDriverClient(namespace=given.namespace)
