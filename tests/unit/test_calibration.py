@@ -300,6 +300,21 @@ def test_a_folder_without_swims_is_refused(tmp_path: Path) -> None:
         read_folder(tmp_path)
 
 
+def test_a_swim_that_tells_its_commanded_beat_is_held_to_no_other() -> None:
+    swim = replace(read_csv(ONE), frequency=1.6)
+    with pytest.raises(SwimError, match="time base is wrong"):
+        usable([swim], 1.0)
+    commanded = replace(swim, frequency_commanded=True)
+    assert usable([commanded], 1.0)[0] == [commanded]
+
+
+def test_what_is_refused_of_a_swim_names_its_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path, scaled(["t"], 0.45))
+    for command, words in ((calibrate_command, []), (predict_command, ["--fish", str(FITTED)])):
+        assert command.main(["--swims", str(tmp_path), *words]) == 2
+        assert f": error: {tmp_path}: {ONE.stem}: by its t the tail beats" in capsys.readouterr().err
+
+
 def test_a_swim_in_which_the_camera_lost_the_fish_is_left_out_and_said() -> None:
     swim = read_csv(ONE)
     lost = replace(swim, forward=np.where(swim.time > 3.0, -0.05, swim.forward))

@@ -20,7 +20,9 @@ LAST = 2.0
 """s at a swim's end over which the forward speed is averaged."""
 AFTER = 3.0
 """s after the first second at which the position is compared."""
-KINDS = ("speed", "turning_rate", "position")
+SHOWN = {"speed": (100.0, 1, "%"), "turning_rate": (100.0, 1, "%"), "position": (100.0, 2, " cm")}
+"""How each kind is shown: the factor that makes the unit of it, digits, unit."""
+KINDS = tuple(SHOWN)
 _FIRST = 1.0
 
 
@@ -55,6 +57,13 @@ def errors(swim: Swim, predicted: Prediction, given: float = GIVEN) -> Errors:
         at = int(np.argmin(np.abs(time - _FIRST - AFTER)))
         apart = math.dist(predicted.position[at], swim.position[at])
     return Errors(speed, turning, apart)
+
+
+def shown(kind: str, *values: float) -> str:
+    """Return an error of a kind as people read it, with its unit; a second one in brackets."""
+    factor, digits, unit = SHOWN[kind]
+    first, *rest = (f"{factor * value:.{digits}f}" for value in values)
+    return f"{first} ({', '.join(rest)}) {unit.strip()}" if rest else f"{first}{unit}"
 
 
 def summary(all_errors: Sequence[Errors], of: Callable[[list[float]], float]) -> dict[str, float | None]:

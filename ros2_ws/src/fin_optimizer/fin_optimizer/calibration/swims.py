@@ -173,12 +173,13 @@ def check_swim(swim: Swim, stated_frequency: float) -> None:
 
     Args:
         swim: The swim.
-        stated_frequency: Tail beats that the laboratory asked for, Hz; 0 where it is not told.
+        stated_frequency: Tail beats that the laboratory asked for, Hz; 0 where it is not told. A swim that tells its
+            commanded beat itself is held to that.
 
     Raises:
         SwimError: It cannot be used.
     """
-    stated = stated_frequency
+    stated = 0.0 if swim.frequency_commanded else stated_frequency
     ratio = swim.frequency / stated if stated else 1.0
     if abs(ratio - 1.0) > _FREQUENCY_TOLERANCE:
         _refuse(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from fin_optimizer.calibration.recorded import read_folder
 from fin_optimizer.calibration.settings import read_settings
 from fin_optimizer.calibration.swims import usable
-from fin_plant import checks
+from fin_plant import checks, text_file
 from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.paths import check_output, config_folder, given_path
@@ -95,45 +95,35 @@ def _report(found: Fit) -> None:
         _say(f"note: {doubt}")
 
 
-def show_errors(title: str, all_errors: Sequence[Errors]) -> str:
+def _errors_line(title: str, all_errors: Sequence[Errors]) -> str:
     """Return one line on many predictions: medians, 90th percentiles in brackets."""
-    from fin_optimizer.calibration.errors import medians_and_90  # noqa: PLC0415
+    from fin_optimizer.calibration.errors import KINDS, medians_and_90, shown  # noqa: PLC0415
 
     told = medians_and_90(all_errors)
-    scale = {"speed": (100.0, "%"), "turning_rate": (100.0, "%"), "position": (100.0, "cm")}
     parts = []
-    for kind, (factor, unit) in scale.items():
+    for kind in KINDS:
         middle, high = told["median"][kind], told["p90"][kind]
         if middle is not None and high is not None:
-            digits = 2 if unit == "cm" else 1
-            parts.append(f"{kind.replace('_', ' ')} {factor * middle:.{digits}f} ({factor * high:.{digits}f}) {unit}")
+            parts.append(f"{kind.replace('_', ' ')} {shown(kind, middle, high)}")
     return f"{title}: {', '.join(parts)}"
 
 
 def _leave_out(kind: str, swims: Sequence[Swim], settings: Settings, found: Fit) -> None:
-    from fin_optimizer.calibration.errors import errors  # noqa: PLC0415
-    from fin_optimizer.calibration.fit import refit  # noqa: PLC0415
-    from fin_optimizer.calibration.model import Tank  # noqa: PLC0415
-    from fin_optimizer.calibration.prediction import predict  # noqa: PLC0415
+    from fin_optimizer.calibration.left_out import SHOWN, predicted_without  # noqa: PLC0415
 
-    group = GROUPS[kind]
-    keys = dict.fromkeys(map(group, swims))
-    if len(keys) == 1:
+    keys = [GROUPS[kind](swim) for swim in swims]
+    if len(set(keys)) == 1:
         msg = f"--leave-out {kind}: all swims are of one {kind}, nothing would be left"
         raise ValueError(msg)
-    everything: dict[float, list[Errors]] = {1.0: [], 2.0: []}
+    everything: dict[float, list[Errors]] = {shown: [] for shown in SHOWN}
     _say(f"each {kind} predicted by a fish fitted without it; medians (90th percentiles) of its swims:")
-    for key in keys:
-        others = [swim for swim in swims if group(swim) != key]
-        left_out = [swim for swim in swims if group(swim) == key]
-        tank = Tank(refit(others, settings, found).model)
+    for key, known in predicted_without(swims, keys, settings, found):
         told = f"{key:+.3g} rad" if isinstance(key, float) else key
-        for given, known in everything.items():
-            own = [errors(swim, predict(tank, swim, given), given) for swim in left_out]
-            known.extend(own)
-            _say(show_errors(f"  {told}, first {given:g} s given", own))
-    for given, known in everything.items():
-        _say(show_errors(f"  all, first {given:g} s given", known))
+        for shown, own in known.items():
+            everything[shown].extend(own)
+            _say(_errors_line(f"  {told}, first {shown:g} s given", own))
+    for shown, own in everything.items():
+        _say(_errors_line(f"  all, first {shown:g} s given", own))
 
 
 def _check_outputs(given: argparse.Namespace) -> None:
@@ -154,7 +144,9 @@ def _run(given: argparse.Namespace, made_by: str) -> int:
     checks.whole_number("--seed", given.seed)
     settings = read_settings(given.settings or config_folder("fin_optimizer") / SETTINGS)
     settings = settings.with_fixed(_fixed(given.fix))
-    swims, notes = usable(read_folder(given.swims), settings.stated_frequency)
+    read = read_folder(given.swims)
+    with text_file.named(given.swims):
+        swims, notes = usable(read, settings.stated_frequency)
     for note in notes:
         _say(f"note: {note}")
     # Half a second, which bad input is not kept waiting for.

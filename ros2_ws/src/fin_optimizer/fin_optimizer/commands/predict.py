@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from fin_optimizer.calibration.fish_file import read_fish
 from fin_optimizer.calibration.recorded import read_folder
 from fin_optimizer.calibration.swims import SHORTEST, usable
-from fin_plant import checks
+from fin_plant import checks, text_file
 from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.paths import check_output, given_path
@@ -26,6 +26,8 @@ _WINDOWS = (
     "what was given to the swim's end (swims with a bias only), both relative; of the position, m, 3 s after the "
     "first second."
 )
+
+_WIDTHS = {"speed": 6, "turning_rate": 7, "position": 8}
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -63,8 +65,8 @@ def _run(given: argparse.Namespace) -> int:
     shown = checks.number("--given", given.given, 0.3, SHORTEST - 1.0, unit="s")
     model = read_fish(given.fish)
     read = read_folder(given.swims)
-    commanded = all(swim.frequency_commanded for swim in read)
-    swims, notes = usable(read, 0.0 if commanded else _stated(given, model.knots.frequency))
+    with text_file.named(given.swims):
+        swims, notes = usable(read, _stated(given, model.knots.frequency))
     for note in notes:
         sys.stderr.write(f"note: {note}\n")
     if not swims:
@@ -98,22 +100,21 @@ def _run(given: argparse.Namespace) -> int:
     return 0
 
 
-def _table(names: Sequence[str], found: Sequence[Errors], shown: float) -> None:
-    from fin_optimizer.calibration.errors import KINDS, medians_and_90  # noqa: PLC0415
+def _table(names: Sequence[str], found: Sequence[Errors], given: float) -> None:
+    from fin_optimizer.calibration.errors import KINDS, medians_and_90, shown  # noqa: PLC0415
 
     width = max(len("90th percentile"), *map(len, names))
-    sys.stdout.write(f"first {shown:g} s given\n{'swim'.ljust(width)}  speed   turning  position\n")
+    sys.stdout.write(f"first {given:g} s given\n{'swim'.ljust(width)}  speed   turning  position\n")
     told = medians_and_90(found)
     rows = [(name, [getattr(each, kind) for kind in KINDS]) for name, each in zip(names, found, strict=True)]
     for name, key in (("median", "median"), ("90th percentile", "p90")):
         rows.append((name, [told[key][kind] for kind in KINDS]))
-    for name, (speed, turning, apart) in rows:
-        cells = [_cell(speed, 100.0, 1, "%", 6), _cell(turning, 100.0, 1, "%", 7), _cell(apart, 100.0, 2, " cm", 8)]
+    for name, values in rows:
+        cells = (
+            ("-" if value is None or math.isnan(value) else shown(kind, value)).rjust(_WIDTHS[kind])
+            for kind, value in zip(KINDS, values, strict=True)
+        )
         sys.stdout.write(f"{name.ljust(width)}  {'  '.join(cells)}\n")
-
-
-def _cell(value: float | None, factor: float, digits: int, unit: str, width: int) -> str:
-    return ("-" if value is None or math.isnan(value) else f"{factor * value:.{digits}f}{unit}").rjust(width)
 
 
 @command("predict")
