@@ -128,6 +128,8 @@ def test_a_viewer_sees_the_fish_calls_a_service_and_sets_a_parameter(start: Star
         viewer.wait_until(lambda: [each for each in viewer.said if each["op"] == "parameterValues"], "the new value")
         (told,) = [each for each in viewer.said if each["op"] == "parameterValues"][-1]["parameters"]
         assert told["value"] == 0.06
+        viewer.call(viewer.services["/fish/simulator/estop"]["id"], b"\x00\x01\x00\x00\x00")
+        assert b"a viewer only stops" in viewer.answers[-1]
     with Viewer(address) as again:  # the first one is gone without a word
         again.subscribe("/fish/velocity")
         again.newest("/fish/velocity")

@@ -13,7 +13,7 @@ import yaml
 
 from fin_bringup import study_nodes
 from fin_bringup.study_nodes import LAYOUTS
-from fin_plant.services import SERVICES
+from fin_plant.services import SERVICES, not_for_viewers
 from support.source_tree import SOURCE
 
 if TYPE_CHECKING:
@@ -124,3 +124,12 @@ def test_the_services_that_are_documented_are_those_that_the_nodes_offer() -> No
             offered |= {(node, name) for name in re.findall(r"\"~/(\w+)\", self", text)}
             offered |= {(node, name) for name in re.findall(r"fully_qualified_name\(\)\}/(\w+)\"", text)}
     assert {(node, service.name) for service in SERVICES for node in service.nodes} == offered
+
+
+def test_a_viewer_confirms_nothing_and_stops_but_does_not_release() -> None:
+    """Whosever page is open in a browser on this computer can speak to `live`."""
+    kept = {service.name for service in SERVICES if not_for_viewers(f"/fish/servo_driver/{service.name}")}
+    assert kept == {"confirm_fin", "confirm_mark"}
+    assert not not_for_viewers("/fish/servo_driver/estop", releases=False)
+    assert "only stops" in not_for_viewers("/fish/servo_driver/estop", releases=True)
+    assert not not_for_viewers("/fish/optimizer/start", releases=True)

@@ -1,7 +1,8 @@
 """The node `live`: serves the graph to Foxglove and Lichtblick, without any part of a ROS desktop.
 
 A viewer connects to ws://localhost:8765. It sees every topic whose type is known, byte for byte as it is published, may
-call services and see and set parameters; it publishes nothing. Where no node publishes ``/tf``, because its type is not
+see and set parameters, and call services, save those by which a person confirms, or releases a stop; it publishes
+nothing. Where no node publishes ``/tf``, because its type is not
 installed, the frames are computed here as they are for bags.
 """
 
@@ -35,6 +36,7 @@ from fin_optimizer.bags.model_messages import DESCRIPTION, JOINT_STATES, POSE, M
 from fin_plant import checks, node_process, topics
 from fin_plant.command import tell_error
 from fin_plant.frames import frame_prefix
+from fin_plant.services import not_for_viewers
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -173,6 +175,8 @@ class Live(ServerListener):
 
     def _serve(self, kind: Any, service: str, request: foxglove.ServiceRequest) -> bytes:
         asked = deserialize_message(request.payload, kind.Request)
+        if kind is SetBool and (refusal := not_for_viewers(service, releases=not asked.data)):
+            return bytes(serialize_message(SetBool.Response(success=False, message=refusal)))
         return bytes(serialize_message(self._ask(kind, service, asked)))
 
     # -- the node's own thread ---------------------------------------------------------------------------------------
@@ -207,7 +211,7 @@ class Live(ServerListener):
             for name in found
             if name.endswith(_GET_PARAMETERS) and name != f"{own}{_GET_PARAMETERS}"
         )
-        wanted = {name for name, kind in found.items() if kind in _SERVICES}
+        wanted = {name for name, kind in found.items() if kind in _SERVICES and not not_for_viewers(name)}
         if gone := self._offered - wanted:
             self._server.remove_services(sorted(gone))
         new = [self._service(name, found[name]) for name in sorted(wanted - self._offered)]
