@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+import rclpy
 import serial
 import yaml
 from std_msgs.msg import Float64MultiArray
@@ -26,7 +27,9 @@ from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_me
 from fin_plant.plant_state import State
 from fin_plant.ros_environment import PROFILES, RANGE
 from fin_servo_driver.backends import lcus
+from fin_servo_driver.emergency_stop import EmergencyStop
 from fin_servo_driver.emulator.devices import Firmata, Modbus, SilentRelays
+from fin_servo_driver.robot_states import Answer
 from fin_servo_driver.wall_clock import stamp_of
 from support.random_gaits import random_gaits
 from support.robot_client import (
@@ -420,6 +423,28 @@ def test_after_an_emergency_stop_nothing_that_an_optimiser_calls_leads_on(
     assert len(recorder(port).widths) == sent
     assert client.confirm_mark().success
     client.wait_for_state(State.SWIMMING)
+
+
+def test_an_emergency_stop_that_fails_says_so_and_the_next_one_is_served(ros_domain: int) -> None:
+    answers: list[Answer] = []
+
+    def act(stop: bool) -> Answer:
+        if not answers:
+            answers.append(Answer(accepted=stop, text="stopped"))
+            msg = "something unforeseen"
+            raise RuntimeError(msg)
+        return answers[0]
+
+    rclpy.init(domain_id=ros_domain)
+    try:
+        served = EmergencyStop(rclpy.create_node("servo_driver", namespace="/fish"), act)
+        with RobotClient(ros_domain) as client:
+            first, second = (client.emergency_stop(on=True) for _ in range(2))
+        served.close()
+    finally:
+        rclpy.shutdown()
+    assert (first.success, second.success) == (False, True)
+    assert "use the switch" in first.message
 
 
 def test_a_device_that_was_away_is_back_at_its_mark_only_when_a_person_says_so(

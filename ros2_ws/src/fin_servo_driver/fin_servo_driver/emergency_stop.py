@@ -48,7 +48,11 @@ class EmergencyStop:
             self._executor.spin()
 
     def _on_request(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        answer = self._act(request.data)
+        try:
+            answer = self._act(request.data)
+        except Exception as error:  # noqa: BLE001 - it would end the thread, and the next stop would not be served
+            response.success, response.message = False, f"not done, use the switch of the servos: {error!r}"
+            return response
         response.success, response.message = answer.accepted, answer.text
         return response
 
