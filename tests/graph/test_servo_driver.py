@@ -329,6 +329,9 @@ client = node.create_client(ListParameters, "/fish/servo_driver/list_parameters"
 assert client.wait_for_service(60.0)
 answer = client.call_async(ListParameters.Request())
 rclpy.spin_until_future_complete(node, answer, timeout_sec=60.0)
+until = time.monotonic() + 60.0  # the names come by a topic of their own
+while "servo_driver" not in node.get_node_names() and time.monotonic() < until:
+    rclpy.spin_once(node, timeout_sec=0.1)
 assert "servo_driver" in node.get_node_names()
 print("parameters:", len(answer.result().result.names))
 """
