@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from fin_plant.fin import Fin
 from fin_plant.plant_state import State
+from fin_servo_driver.health import ENDED
 from fin_servo_driver.robot_states import (
     LEAST_SIGHT,
     LONGEST_BLINK,
@@ -252,6 +253,16 @@ def test_a_stop_of_a_device_that_is_away_says_that_it_may_not_have_been_told() -
     assert said.reason.endswith(f"{NOT_THERE}: /dev/x was lost")
     robot.reconnect()  # which disables it first
     assert NOT_THERE not in robot.look().reason
+
+
+def test_a_stop_is_answered_by_what_became_of_the_device() -> None:
+    states = Robot().states
+    assert states.stop(Device()).text.startswith("stopped")
+    away = states.stop(Device(connected=False, reason="/dev/x was lost"))
+    assert (away.accepted, away.text) == (False, f"latched, but {NOT_THERE}, use its switch: /dev/x was lost")
+    # A driver that was being shut down disables the device, and has it closed before the answer is written.
+    assert states.stop(Device(connected=False, reason=ENDED, alive=False)).text.startswith("stopped")
+    assert "no device was told" in states.stop(None).text
 
 
 def test_an_answer_that_a_driver_finds_after_it_hung_does_not_count() -> None:

@@ -11,6 +11,9 @@ from fin_servo_driver.tail import Phase
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+ENDED = "the driver's I/O thread has ended"
+"""Why a device is not connected that was disabled in order when the driver had done with it."""
+
 
 @dataclass(frozen=True)
 class Sample:

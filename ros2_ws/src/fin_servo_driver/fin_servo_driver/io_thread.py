@@ -9,6 +9,7 @@ import time
 from typing import TYPE_CHECKING
 
 from fin_servo_driver.device_loop import DeviceLoop
+from fin_servo_driver.health import ENDED
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -71,7 +72,7 @@ class IoThread(DeviceLoop):
         return self._thread.is_alive()
 
     def _run(self) -> None:
-        reason = "the driver's I/O thread has ended"
+        reason = ENDED
         try:
             while (idle := self.turn()) is not None:
                 self._sleep(idle)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.plant_state import EMERGENCY, RELEASE, State
 from fin_servo_driver.fin_instruction import instruction
+from fin_servo_driver.health import ENDED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -59,6 +60,11 @@ class Device:
     reason: str = ""
     reconnects: int = 0
     alive: bool = True
+
+    @property
+    def is_away(self) -> bool:
+        """Whether a stop may not have reached it: it is not there, and was not disabled when the driver had done."""
+        return not self.connected and self.reason != ENDED
 
 
 @dataclass(frozen=True)
@@ -161,6 +167,14 @@ class RobotStates:
         self._mark_owed = False
         return Answer(accepted=True, text="the fish is at its mark")
 
+    def stop(self, device: Device | None) -> Answer:
+        """Return what to answer to an emergency stop that was latched and handed to the device."""
+        if device is None:
+            return Answer(accepted=True, text="latched until ~/estop false; no port is open, so no device was told")
+        if device.is_away:
+            return Answer(accepted=False, text=f"latched, but {NOT_THERE}, use its switch: {device.reason}")
+        return Answer(accepted=True, text="stopped; latched until ~/estop false")
+
     def release(self) -> Answer:
         """Release the emergency stop: the mark is owed then."""
         if not self.emergency:
@@ -221,8 +235,7 @@ class RobotStates:
 
     def _standing(self, device: Device | None) -> Standing:
         if self.emergency:
-            away = device is not None and not device.connected
-            untold = f"; {NOT_THERE}: {device.reason}" if device is not None and away else ""
+            untold = f"; {NOT_THERE}: {device.reason}" if device is not None and device.is_away else ""
             return Standing(State.FAULT, f"{EMERGENCY}{untold}", Waiting.RELEASE)
         if device is not None and not device.connected:
             waiting = Waiting.DEVICE if device.alive else None

@@ -27,7 +27,7 @@ from fin_servo_driver.line import DeviceError
 from fin_servo_driver.managed_node import ManagedNode
 from fin_servo_driver.port import name_warning
 from fin_servo_driver.robot_setup import RobotSetup
-from fin_servo_driver.robot_states import NOT_CONFIGURED, NOT_THERE, Answer, Device, RobotStates, other_plants
+from fin_servo_driver.robot_states import NOT_CONFIGURED, Device, RobotStates, other_plants
 from fin_servo_driver.tail import Phase, Settings
 from fin_servo_driver.wall_clock import stamp_of
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from fin_plant.gait import Gait
     from fin_plant.parameters import Value
-    from fin_servo_driver.robot_states import Standing
+    from fin_servo_driver.robot_states import Answer, Standing
     from fin_servo_driver.set_points import Motion
 
 PARAMETERS = node_table("fin_servo_driver", "servo_driver")
@@ -46,6 +46,12 @@ PARAMETERS = node_table("fin_servo_driver", "servo_driver")
 _STALL_SECONDS = 1.6
 _ACTIVE_LOOK, _IDLE_LOOK = 0.01, 0.05
 _NICE = -10
+
+
+def device_of(io: IoThread) -> Device:
+    """Return the device as this thread has seen it."""
+    health = io.health
+    return Device(health.connected, health.reason, health.reconnects, io.alive)
 
 
 class ServoDriver:
@@ -200,10 +206,7 @@ class ServoDriver:
 
     def _device(self) -> Device | None:
         """Return the device as the I/O thread has seen it, None while there is none."""
-        if self._io is None:
-            return None
-        health = self._io.health
-        return Device(health.connected, health.reason, health.reconnects, self._io.alive)
+        return None if self._io is None else device_of(self._io)
 
     def _look(self) -> Standing:
         return self._states.look(self._device(), time.monotonic())
@@ -339,11 +342,7 @@ class ServoDriver:
             io.cut()
         self._emergency_seen = False
         self._log.error("emergency stop")
-        if io is None:
-            return Answer(accepted=True, text="latched until ~/estop false; no port is open, so no device was told")
-        if not io.health.connected:
-            return Answer(accepted=False, text=f"latched, but {NOT_THERE}, use its switch: {io.health.reason}")
-        return Answer(accepted=True, text="stopped; latched until ~/estop false")
+        return self._states.stop(None if io is None else device_of(io))
 
     # -- work --------------------------------------------------------------------------------------------------------
 
