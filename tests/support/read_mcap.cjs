@@ -12,21 +12,19 @@ const { loadDecompressHandlers } = require("@mcap/support");
   const decompressHandlers = await loadDecompressHandlers();
   const reader = await McapIndexedReader.Initialize({ readable, decompressHandlers });
   const counts = {};
+  let backInTime = 0;
+  let last = 0n;
   for await (const message of reader.readMessages({ validateCrcs: true })) {
     const { topic } = reader.channelsById.get(message.channelId);
     counts[topic] = (counts[topic] ?? 0) + 1;
+    backInTime += message.logTime < last ? 1 : 0;
+    last = message.logTime;
   }
   const stream = new McapStreamReader({ decompressHandlers, validateCrcs: true });
   stream.append(bytes);
   let streamed = 0;
-  let backInTime = 0;
-  let last = 0n;
   for (let record = stream.nextRecord(); record; record = stream.nextRecord()) {
-    if (record.type === "Message") {
-      streamed += 1;
-      backInTime += record.logTime < last ? 1 : 0;
-      last = record.logTime;
-    }
+    streamed += record.type === "Message" ? 1 : 0;
   }
   console.log(JSON.stringify({ counts, streamed, back_in_time: backInTime, done: stream.done() }));
 })();

@@ -6,7 +6,8 @@ on the disk. What describes the trial (design, seed, versions) stands at the sta
 kill cannot take it away, and in the ``custom_data`` of ``metadata.yaml``.
 
 A message is logged at its own header stamp, and one without a header, or whose stamp cannot be believed, at the newest
-stamp that the plant had reached; the latter are counted. Messages stand in the file in the order of these times.
+stamp that the plant had reached; the latter are counted. Messages stand in the file in the order of these times, but
+for one that comes later than `LONGEST_WAIT`: who reads by the index, as players and viewers do, has them in order.
 So a swim that ran fifty times faster than real time is played
 back at the fish's own pace, and a sender whose clock is not set makes no bag of 56 years.
 """
