@@ -24,7 +24,6 @@ from fin_plant.figures import check_picture, new_figure, own_style
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT
 from fin_plant.paths import check_output, given_path
-from fin_plant.private_folder import private_folder
 from fin_sim.swim import PAPER_FISH
 
 if TYPE_CHECKING:
@@ -71,9 +70,9 @@ def swum(values: Values) -> tuple[Fin, Gait]:
 
 @cache
 def _cloud_search(seed: int) -> CloudSearch:
-    from fin_optimizer.search.cloud_search import CloudSearch  # noqa: PLC0415
+    from fin_optimizer.search.cloud_search import CloudSearch, kept_clouds  # noqa: PLC0415
 
-    return CloudSearch(SPACE, seed, swum, DURATION, kept=private_folder("fin_clouds"))
+    return CloudSearch(SPACE, seed, swum, DURATION, kept=kept_clouds())
 
 
 def _fins(*, with_effects: bool) -> tuple[list[Values], Fins]:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 from fin_optimizer.search.hill_climber import HillClimber
 from fin_optimizer.search.one_by_one import OneByOne
 from fin_optimizer.search.space import Choice
-from fin_plant.private_folder import private_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -121,7 +120,7 @@ def _unscored(name: str, space: Space, seed: int) -> Search:
 
 
 def _cloud(space: Space, seed: int, constraints: int, swimming: Swimming | None) -> Search:
-    from fin_optimizer.search.cloud_search import CloudSearch  # noqa: PLC0415
+    from fin_optimizer.search.cloud_search import CloudSearch, kept_clouds  # noqa: PLC0415
 
     if constraints:
         msg = "search.algorithm = cloud knows no constraints: use gp"
@@ -130,9 +129,8 @@ def _cloud(space: Space, seed: int, constraints: int, swimming: Swimming | None)
         needed = "it needs objective speed, and each candidate's fin and gait"
         msg = f"search.algorithm = cloud simulates the mean speed: {needed}"
         raise ValueError(msg)
-    kept = private_folder("fin_clouds")
     return CloudSearch(
-        space, seed, swimming.swum, swimming.duration, swimming.settle, kept=kept, around=swimming.around
+        space, seed, swimming.swum, swimming.duration, swimming.settle, kept=kept_clouds(), around=swimming.around
     )
 
 

@@ -17,6 +17,7 @@ from fin_optimizer.search.quasi_random import QuasiRandom
 from fin_optimizer.search.space import Evaluation, generator
 from fin_optimizer.search.told import Told
 from fin_plant import checks
+from fin_plant.private_folder import private_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -63,6 +64,11 @@ class _Believed:
     belief: Belief
     gains: dict[int, Array] = field(default_factory=dict)
     told: dict[int, Told] = field(default_factory=dict)
+
+
+def kept_clouds() -> Path:
+    """Return the user's folder in which the speeds of simulated clouds are kept, for all studies."""
+    return private_folder("fin_clouds")
 
 
 @dataclass(frozen=True)
