@@ -210,6 +210,7 @@ def test_a_cloud_of_fish_swims_each_candidate_as_a_trial_does(tmp_path: Path) ->
     window: dict[str, object] = {"measurement.settle": 1.5, "measurement.duration": 4.0}
     made = plan(tmp_path, **window, **{"search.algorithm": "cloud", "gait.amplitude": 0.2}).search
     assert isinstance(made, CloudSearch)
+    assert made.around is None, "no fish was given"
     assert (made.settle, made.duration) == (1.5, 4.0)
     fin, gait = made.swum({"fin.young_modulus": 1e9, "fin.length": 0.1})
     assert [fin.young_modulus, fin.length, fin.height] == pytest.approx([1e9, 0.1, 0.08 * 0.025 / 0.1])
