@@ -18,3 +18,8 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> None:
         part.replace(path)
     finally:
         part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text in UTF-8 whole or not at all."""
+    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))

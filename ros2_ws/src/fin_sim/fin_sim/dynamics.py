@@ -17,6 +17,7 @@ by the stiffest hinge.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -609,6 +610,11 @@ class Stepper:
         if finite <= samples:
             raise StepError(finite * self.sample_time)
         return states, records
+
+
+def steps_a_sample(sample_time: float, longest: float) -> int:
+    """Return into how many equal steps a sample is divided, so that none is longer than ``longest`` s; at least one."""
+    return max(1, math.ceil(sample_time / longest - 1e-9))
 
 
 def stepper_of(chain: Chain, step: float, every: int = 1, *, quick: bool = False) -> Stepper:

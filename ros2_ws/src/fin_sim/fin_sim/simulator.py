@@ -83,7 +83,7 @@ def build_stepper(values: Mapping[str, Value]) -> dynamics.Stepper:
     fish, fin = Fish.from_parameters(values), Fin.from_parameters(values)
     chain = build_chain(fish, fin, reactive=values["reactive"])  # type: ignore[arg-type]
     sample_time = 1.0 / cast("float", values["sample_rate"])
-    every = math.ceil(sample_time / min(cast("float", values["step"]), chain.longest_step) - 1e-9)
+    every = dynamics.steps_a_sample(sample_time, min(cast("float", values["step"]), chain.longest_step))
     return dynamics.stepper_of(chain, sample_time / every, every)
 
 
@@ -125,7 +125,10 @@ class Simulator:
             return
         stepper = self._stepper
         longest = longest_step(gait, self._number("drive.ramp_time"))
-        chain, every = stepper.chain.for_gait(gait), max(stepper.every, math.ceil(self._sample_time / longest - 1e-9))
+        chain, every = (
+            stepper.chain.for_gait(gait),
+            max(stepper.every, dynamics.steps_a_sample(self._sample_time, longest)),
+        )
         if (chain, every) != (stepper.chain, stepper.every):
             self._stepper = dynamics.stepper_of(chain, self._sample_time / every, every)
 

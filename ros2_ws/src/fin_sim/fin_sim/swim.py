@@ -96,7 +96,7 @@ def swim_chain(
     step = min(checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True), chain.longest_step)
     _refuse_too_many_steps(len(chain.links), duration, min(step, sample_time))
     samples = max(1, round(duration / sample_time))
-    every = math.ceil(duration / samples / step - 1e-9)
+    every = dynamics.steps_a_sample(duration / samples, step)
     chain = chain.for_gait(gait)
     stepper = dynamics.stepper_of(chain, duration / (samples * every), every, quick=quick)
     follower = GaitFollower(sum(chain.driven), ramp_time, as_asked=True)

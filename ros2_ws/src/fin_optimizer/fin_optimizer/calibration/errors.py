@@ -20,9 +20,9 @@ LAST = 2.0
 """s at a swim's end over which the forward speed is averaged."""
 AFTER = 3.0
 """s after the first second at which the position is compared."""
-SHOWN = {"speed": (100.0, 1, "%"), "turning_rate": (100.0, 1, "%"), "position": (100.0, 2, " cm")}
+_FORMATS = {"speed": (100.0, 1, "%"), "turning_rate": (100.0, 1, "%"), "position": (100.0, 2, " cm")}
 """How each kind is shown: the factor that makes the unit of it, digits, unit."""
-KINDS = tuple(SHOWN)
+KINDS = tuple(_FORMATS)
 _FIRST = 1.0
 
 
@@ -61,7 +61,7 @@ def errors(swim: Swim, predicted: Prediction, given: float = GIVEN) -> Errors:
 
 def shown(kind: str, *values: float) -> str:
     """Return an error of a kind as people read it, with its unit; a second one in brackets."""
-    factor, digits, unit = SHOWN[kind]
+    factor, digits, unit = _FORMATS[kind]
     first, *rest = (f"{factor * value:.{digits}f}" for value in values)
     return f"{first} ({', '.join(rest)}) {unit.strip()}" if rest else f"{first}{unit}"
 

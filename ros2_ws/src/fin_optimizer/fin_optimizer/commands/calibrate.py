@@ -14,7 +14,7 @@ from fin_plant import checks, text_file
 from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
 from fin_plant.paths import check_output, config_folder, given_path
-from fin_plant.whole_file import write_whole
+from fin_plant.whole_file import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -134,7 +134,7 @@ def _check_outputs(given: argparse.Namespace) -> None:
 
 
 def _write(path: Path, text: str) -> None:
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    write_text(path, text)
     _say(f"wrote {path}")
 
 

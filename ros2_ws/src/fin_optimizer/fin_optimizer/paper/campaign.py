@@ -50,7 +50,7 @@ from fin_optimizer.search.algorithms import ALGORITHMS
 from fin_plant import checks, json_file, text_file
 from fin_plant.command import command
 from fin_plant.paths import given_path
-from fin_plant.whole_file import write_whole
+from fin_plant.whole_file import write_text, write_whole
 from fin_sim.chain import REACTIVE_FORMS
 from fin_sim.presets import PRESETS, preset
 from fin_sim.water_settings import PRESETS as WATERS
@@ -110,7 +110,7 @@ def _open_folder(folder: Path, campaign: Campaign | SpaceCampaign) -> None:
         (folder / "runs").mkdir(parents=True, exist_ok=True)
         if not settings.exists():
             text = json.dumps(wanted, indent=2) + "\n"
-            write_whole(settings, lambda path: path.write_text(text, encoding="utf-8"))
+            write_text(settings, text)
     except OSError as error:
         msg = f"cannot write to the folder {folder}: {error.strerror}; choose another one with --output"
         raise ValueError(msg) from None
@@ -206,7 +206,7 @@ def collect(folder: Path, results: Mapping[Run, Table]) -> None:
         best = comparison.best(results[run])
         shown = ",".join(f"{best[name]:.9g}" for name in ("speed", "young_modulus", "length", "height"))
         lines.append(f"{run.experiment},{run.number},{run.seed},{len(results[run]['speed'])},{shown}")
-    write_whole(folder / "runs.csv", lambda path: path.write_text("\n".join(lines) + "\n", encoding="utf-8"))
+    write_text(folder / "runs.csv", "\n".join(lines) + "\n")
 
 
 def compile_first(runs: Sequence[AnyRun]) -> float:

@@ -16,7 +16,7 @@ from fin_optimizer.words import show_values
 from fin_plant.checks import counted
 from fin_plant.figures import empty_figure, own_style, try_to_draw
 from fin_plant.fin import Fin, ProfiledFin
-from fin_plant.whole_file import write_whole
+from fin_plant.whole_file import write_text, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -46,8 +46,8 @@ def write(
     number = np.repeat([run.number for run in runs], [len(table["candidate"]) for table in tables])
     paths = [folder / name for name in ("candidates.npz", "runs.csv", REPORT)]
     write_whole(paths[0], lambda path: np.savez_compressed(path, allow_pickle=False, run=number, **columns))
-    write_whole(paths[1], lambda path: path.write_text(_runs(campaign, runs, tables), encoding="utf-8"))
-    write_whole(paths[2], lambda path: path.write_text(report(campaign, tables), encoding="utf-8"))
+    write_text(paths[1], _runs(campaign, runs, tables))
+    write_text(paths[2], report(campaign, tables))
     for path, draw in _pictures(folder, campaign, tables, columns).items():
         if why := try_to_draw(path, draw):
             warn(why)

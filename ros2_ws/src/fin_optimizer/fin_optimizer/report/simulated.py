@@ -14,7 +14,7 @@ import numpy as np
 from fin_optimizer.goals import MEAN_SPEED, MEASURES
 from fin_optimizer.search.space import Choice
 from fin_optimizer.study.simulated_curve import values_along
-from fin_plant.whole_file import write_whole
+from fin_plant.whole_file import write_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,7 +76,7 @@ class KeptSpeeds:
             OSError: The disk refuses.
         """
         text = json.dumps({"key": self.key, "speeds": self.known})
-        write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+        write_text(path, text)
 
 
 def key_of(*decides: object) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fin_optimizer.goals import MEAN_SPEED, MEASURES
+from fin_optimizer.parameters import OPTIMIZER
 from fin_optimizer.study import report
 from fin_optimizer.study.candidate import front
 from fin_optimizer.study.file_names import FIGURE_FILE, PICTURES
@@ -32,9 +33,7 @@ def write_report(study: Study) -> list[str]:
     try:
         write_table(study)
     except OSError as error:
-        told.append(
-            error_line("optimizer", f"the report in {study.folder} cannot be written: {error.strerror or error}")
-        )
+        told.append(error_line(OPTIMIZER, f"the report in {study.folder} cannot be written: {error.strerror or error}"))
     if study.best() is not None:
         failures = draw_study(study.folder / FIGURE_FILE, study.settings, study.trials, study.fish)[1]
         told += [f"warning: {failure}" for failure in failures]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from fin_optimizer.goals import ENERGY_PER_METRE, MEAN_SPEED, MEASURES
 from fin_optimizer.words import SPREAD, with_unit
-from fin_plant.whole_file import write_whole
+from fin_plant.whole_file import write_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -82,4 +82,4 @@ def _utc(time: datetime | None) -> str:
 def write_table(path: Path, trials: Sequence[TrialRecord], settings: Settings) -> None:
     """Write `trials_table` to ``path``; an older file is replaced as a whole or not at all."""
     text = trials_table(trials, settings)
-    write_whole(path, lambda part: part.write_text(text, encoding="utf-8"))
+    write_text(path, text)
