@@ -209,7 +209,7 @@ def test_a_stale_command_times_out_to_neutral_and_then_no_pulse(
     assert recorder(port).widths[-1] == 1500.0
     state = client.wait_for_state(State.READY)
     assert "no fresh gait within command_timeout: nothing came on topic /fish/gait, which /fish/" in state.reason
-    assert client.received(topics.GAIT_APPLIED)[-1].data[0] == 0.0
+    client.wait_until(lambda: client.received(topics.GAIT_APPLIED)[-1].data[0] == 0.0, "gait_applied of no amplitude")
     sent = len(recorder(port).widths)
     client.spin(1.0)
     assert len(recorder(port).widths) == sent
