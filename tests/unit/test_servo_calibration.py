@@ -138,6 +138,7 @@ class Program:
     def wait_until(self, condition: Callable[[], object], what: str) -> None:
         def holds() -> bool:
             if self.process.poll() == 1 and b"answers" in self.said.read_bytes():
+                self._end()
                 self.process = self._start()
             return bool(condition())
 
@@ -148,13 +149,16 @@ class Program:
         """Whether the servo has force."""
         return any(self.device.outputs.values())
 
-    def close(self) -> bytes:
-        """End everything; return what the device was told."""
+    def _end(self) -> None:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
         if self.process.stdin is not None:
             self.process.stdin.close()
+
+    def close(self) -> bytes:
+        """End everything; return what the device was told."""
+        self._end()
         frames = bytes(self.port.received)
         self.port.close()
         return frames
