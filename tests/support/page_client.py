@@ -113,8 +113,13 @@ class PageClient:
     def _times_of(self, text: str) -> list[str]:
         return [event["time"] for event in self.snapshot["events"] if event["text"] == text]
 
+    def _followed_by(self, text: str) -> str:
+        """Return what was told right after the newest event with this text, empty where nothing was."""
+        told = [event["text"] for event in self.snapshot["events"]]
+        return next(iter(told[len(told) - told[::-1].index(text) :]), "") if text in told else ""
+
     async def press(self, action: str) -> str:
-        """Press a button once it may be pressed, as a person does; return its key."""
+        """Press a button once it may be pressed, as a person does, who waits for what came of it; return its key."""
         while True:
             await self.until(lambda: self.offer(action), f"a button for {action}")
             offer = self.offer(action)
@@ -125,10 +130,12 @@ class PageClient:
             self.newest.pop("answer", None)
             await self.send(do="press", key=offer["key"])
 
-            def answered(text: str = text, before: list[str] = before) -> bool:
-                return "answer" in self.newest or self._times_of(text) != before
+            def answered(text: str = text, before: list[str] = before) -> object:
+                return "answer" in self.newest or (self._times_of(text) != before and self._followed_by(text))
 
             await self.until(answered, f"what came of {action}")
             refusal = self.newest.get("answer", {}).get("text", "")
+            if "has not answered yet" in self._followed_by(text):  # to what was pressed before
+                continue
             if "new step" not in refusal and "asked no more" not in refusal:
                 return str(offer["key"])
