@@ -12,6 +12,7 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,14 +23,16 @@ import yaml
 from std_msgs.msg import Float64MultiArray
 
 from fin_plant import topics
+from fin_plant.fin import PLANT_PARAMETERS
 from fin_plant.gait import PAPER_GAIT, carangiform
 from fin_plant.messages import gait_message, nanoseconds_of, plant_state_from_message
-from fin_plant.plant_state import State
+from fin_plant.plant_state import EMERGENCY, State
 from fin_plant.ros_environment import PROFILES, RANGE
 from fin_servo_driver.backends import lcus
+from fin_servo_driver.driver_topics import DriverTopics
 from fin_servo_driver.emergency_stop import EmergencyStop
 from fin_servo_driver.emulator.devices import Firmata, Modbus, SilentRelays
-from fin_servo_driver.robot_states import Answer
+from fin_servo_driver.robot_states import Answer, RobotStates, Standing, Waiting
 from fin_servo_driver.wall_clock import stamp_of
 from support.random_gaits import random_gaits
 from support.robot_client import (
@@ -448,6 +451,26 @@ def test_an_emergency_stop_that_fails_says_so_and_the_next_one_is_served(ros_dom
         rclpy.shutdown()
     assert (first.success, second.success) == (False, True)
     assert "use the switch" in first.message
+
+
+def test_a_stop_that_is_told_before_the_node_has_noted_the_tails_rest_is_told_once(
+    ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another thread cuts, so any callback may tell of it first: the state has one stamp all the same."""
+    published: list[Any] = []
+    values = {name: parameter.default for name, parameter in PLANT_PARAMETERS.items()}
+    states, stopped = RobotStates(values), Standing(State.FAULT, EMERGENCY, Waiting.RELEASE)
+    rclpy.init(domain_id=ros_domain)
+    try:
+        subject = DriverTopics(rclpy.create_node("servo_driver", namespace="/fish"), "robot")
+        monkeypatch.setattr(subject, "_state", SimpleNamespace(publish=published.append))
+        states.swimming_since = 1
+        subject.tell_state(stopped, states, values, "", (), anew=False)
+        states.rest()
+        subject.tell_state(stopped, states, values, "", (), anew=False)
+    finally:
+        rclpy.shutdown()
+    assert len(published) == 1
 
 
 def test_a_device_that_was_away_is_back_at_its_mark_only_when_a_person_says_so(

@@ -80,11 +80,11 @@ class DriverTopics:
             limits: What each driven joint can do; empty while there is no device.
             anew: Whether to publish in any case.
         """
-        told = (standing, states.swimming_since)
+        begun = states.swimming_since if standing.state is State.SWIMMING else None
+        told = (standing, begun)
         if told == self._told and not anew:
             return
         self._told = told
-        begun = states.swimming_since if standing.state is State.SWIMMING else None
         if begun is None or begun != self._stamp:
             self._stamp = max(self._stamp + 1, begun or time.time_ns())
         fin = Fin.from_parameters(states.mounted or {name: values[name] for name in FIN_PARAMETERS})
