@@ -143,7 +143,8 @@ def last_stamp(path: Path) -> int:
     return bag.path.stat().st_mtime_ns
 
 
-def torture(start: Start, tmp_path: Path, domain: int, kills: int, speed: float) -> None:
+def torture(start: Start, tmp_path: Path, domain: int, kills: int, speed: float) -> Losses:
+    """Kill so often; return what it took, after all has been checked that no busy machine can change."""
     with Witness(domain) as witness:
         laboratory = Laboratory(start, tmp_path / "study", witness, speed, seed=kills)
         for _ in range(kills):
@@ -158,10 +159,10 @@ def torture(start: Start, tmp_path: Path, domain: int, kills: int, speed: float)
     assert (losses.trials_lost, losses.scores_changed) == (0, 0)
     assert rescored == [trial.score for trial in scored]
     assert all(is_closed(bag) for bag in laboratory.folder.glob("bags/*") if list(bag.glob("*.mcap")))
-    assert max(losses.seconds, default=0.0) <= 1.0
     assert {trial.outcome for trial in trials} <= {Outcome.OK, Outcome.FAILED, Outcome.INTERRUPTED}
     assert tried == uninterrupted(start, tmp_path / "uninterrupted", len(tried))
     print(f"candidates equal to those of a study without any kill: {len(tried)} of {len(tried)}")  # noqa: T201
+    return losses
 
 
 def uninterrupted(start: Start, folder: Path, trials: int) -> list[dict[str, float]]:
@@ -181,4 +182,5 @@ def test_a_study_survives_kills_at_random_moments(start: Start, tmp_path: Path, 
 def test_a_study_survives_a_hundred_kills_at_random_moments(
     start: Start, tmp_path: Path, ros_domain: int, speed: float
 ) -> None:
-    torture(start, tmp_path, ros_domain, 100, speed)
+    losses = torture(start, tmp_path, ros_domain, 100, speed)
+    assert max(losses.seconds, default=0.0) <= 1.0

@@ -73,12 +73,22 @@ class Viewer:
             self.channels |= {channel["topic"]: channel for channel in said["channels"]}
         elif said["op"] == "advertiseServices":
             self.services |= {service["name"]: service for service in said["services"]}
+        elif said["op"] == "status" and said["message"].startswith("Unknown channel ID:"):
+            # The library advertises a channel a moment before who is quick can subscribe to it.
+            unknown = int(said["message"].rpartition(":")[2])
+            for number, topic in self._topics.items():
+                if self.channels[topic]["id"] == unknown:
+                    self._ask_for(number)
+
+    def _ask_for(self, number: int) -> None:
+        channel = self.channels[self._topics[number]]["id"]
+        self.send(op="subscribe", subscriptions=[{"id": number, "channelId": channel}])
 
     def subscribe(self, topic: str) -> None:
         self.wait_until(lambda: topic in self.channels, topic)
         number = len(self._topics) + 1
         self._topics[number] = topic
-        self.send(op="subscribe", subscriptions=[{"id": number, "channelId": self.channels[topic]["id"]}])
+        self._ask_for(number)
 
     def call(self, service: int, request: bytes) -> None:
         """Call a service with a serialised request, and wait for its answer."""

@@ -15,6 +15,7 @@ from fin_plant.gait import PAPER_GAIT
 from fin_plant.node_process import END_BY_SIGNAL_IS_SUCCESS
 from support.plant_tester import PlantTester
 from support.processes import executable_path
+from support.waiting import PATIENCE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,7 +34,9 @@ sys.exit(simulator.main(["--ros-args"]))
 
 
 def test_a_defect_ends_the_process_with_its_traceback_and_exit_code_1(ros_domain: int) -> None:
-    ended = subprocess.run([sys.executable, "-c", DEFECT], capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", DEFECT], capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
     assert ended.returncode == 1
     assert "TypeError: a defect" in ended.stderr
 
@@ -56,7 +59,7 @@ finally:
 
 def test_a_defect_while_it_closes_still_shuts_everything_down(ros_domain: int) -> None:
     ended = subprocess.run(
-        [sys.executable, "-c", DEFECT_AT_THE_END], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, "-c", DEFECT_AT_THE_END], capture_output=True, text=True, timeout=PATIENCE, check=False
     )
     assert ended.returncode == 1
     assert "TypeError: a defect" in ended.stderr
@@ -67,7 +70,7 @@ def test_a_defect_while_it_closes_still_shuts_everything_down(ros_domain: int) -
 def test_a_full_disk_does_not_change_the_exit_code(ros_domain: int, arguments: tuple[str, ...], code: int) -> None:
     command = [str(executable_path("fin_sim", "simulator")), *arguments]
     with open("/dev/full", "wb") as full:  # noqa: PTH123 - a device
-        ended = subprocess.run(command, stdout=full, stderr=full, timeout=60, check=False)
+        ended = subprocess.run(command, stdout=full, stderr=full, timeout=PATIENCE, check=False)
     assert ended.returncode == code
 
 
@@ -78,7 +81,7 @@ def test_a_node_that_launch_interrupts_has_ended_well(ros_domain: int) -> None:
         with PlantTester(ros_domain) as client:
             client.swim(PAPER_GAIT, 0.2)
         node.send_signal(signal.SIGINT)
-        assert node.wait(15) == 0
+        assert node.wait(PATIENCE) == 0
     finally:
         node.kill()
         node.wait()
@@ -96,7 +99,7 @@ def test_a_node_goes_on_and_logs_to_its_file_where_nobody_reads_its_errors(ros_d
             client.wait_until(lambda: "gait refused" in "".join(log.read_text() for log in tmp_path.iterdir()), "a log")
             client.swim(PAPER_GAIT, 0.2)
         node.send_signal(signal.SIGINT)
-        assert node.wait(15) == 130
+        assert node.wait(PATIENCE) == 130
     finally:
         node.kill()
         node.wait()
@@ -127,6 +130,8 @@ simulator.main(["--ros-args"])
 
 
 def test_no_helper_thread_of_the_linear_algebra_spins_on_a_core_that_others_need(ros_domain: int) -> None:
-    ended = subprocess.run([sys.executable, "-c", THREADS], capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(
+        [sys.executable, "-c", THREADS], capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
     # 20 pauses of 0.02 s, through which such a thread spins; the work itself costs the same without them.
     assert float(ended.stdout.split()[-1]) < 0.2

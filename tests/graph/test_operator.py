@@ -80,14 +80,14 @@ class Terminal:
             lambda: all(text in self.screen() for text in texts), 20.0, lambda: f"{texts}; there was:\n{self.screen()}"
         )
 
-    def confirm(self, step: str) -> None:
+    def confirm(self, step: str, keys: str = "\r") -> None:
         """Read a step, and press Enter for it; again where the step was put on the screen anew meanwhile."""
         self.wait_for(step)
 
         def press() -> None:
             time.sleep(CALM)  # what is tested is that less does not count
             if step in self.screen():
-                self.press("\r")
+                self.press(keys)
 
         wait_until(lambda: step not in self.screen(), 20.0, lambda: f"an end of {step}:\n{self.screen()}", press)
 
@@ -111,11 +111,14 @@ class Terminal:
 
 @pytest.fixture
 def driver(start: Callable[..., StartedProcess], tmp_path: Path) -> Iterator[StartedProcess]:
-    """Start the driver with an emulated board; nobody has configured it."""
+    """Start the driver with an emulated board; nobody has configured it.
+
+    It goes on where nobody repeats the gait while the screen is looked at.
+    """
     with plugged_in(Firmata(), tmp_path) as port:
-        yield start(
-            "fin_servo_driver", "servo_driver", "--ros-args", "-p", "robot_file:=firmata", "-p", f"port:={port.path}"
-        )
+        given = ("robot_file:=firmata", f"port:={port.path}", "command_timeout:=10.0")
+        words = [word for parameter in given for word in ("-p", parameter)]
+        yield start("fin_servo_driver", "servo_driver", "--ros-args", *words)
 
 
 @pytest.fixture
@@ -163,9 +166,8 @@ def test_a_person_leads_the_robot_from_its_start_to_a_stopped_swim(terminal: Ter
 
 def test_an_enter_that_bounces_does_not_arm_the_robot(terminal: Terminal, client: RobotClient) -> None:
     terminal.confirm("Press Enter to open the port")
-    terminal.wait_for("Mount this fin")
-    time.sleep(CALM)
-    terminal.press(20 * "\r")  # a key held down; what lies between its repetitions is tested with the program's clock
+    # A key held down; what lies between its repetitions is tested with the program's clock.
+    terminal.confirm("Mount this fin", 20 * "\r")
     terminal.wait_for("Hands off the tail")
     client.spin(CALM)
     state = client.state()

@@ -30,7 +30,7 @@ from fin_plant.gait import PAPER_GAIT, Gait
 from fin_plant.messages import plant_state_message
 from fin_plant.plant_state import PlantState, State
 from support.plant_tester import PlantTester
-from support.waiting import wait_until
+from support.waiting import PATIENCE, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -62,6 +62,11 @@ def start_node(start: Start, package: str, executable: str, *parameters: str) ->
     return start(package, executable, "--ros-args", *words)
 
 
+def start_simulator(start: Start, *parameters: str) -> StartedProcess:
+    """Start a fish that swims on where a busy machine puts aside the optimiser that commands it, as a bring-up does."""
+    return start_node(start, "fin_sim", "simulator", "command_timeout:=10.0", *parameters)
+
+
 def start_optimizer(start: Start, folder: Path, *parameters: str) -> StartedProcess:
     return start_node(start, "fin_optimizer", "optimizer", f"study_folder:={folder}", *parameters)
 
@@ -71,13 +76,18 @@ def table(folder: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def at_once() -> None:
+    """Wait for nothing."""
+
+
 class StubPlant:
     """A plant that publishes its state and answers as it is told; what it does not offer is missing.
 
-    For each fin that it is given, ``answers`` holds the s that it takes and why it refuses; an empty text accepts.
+    For each fin that it is given, ``answers`` holds what it waits for before it answers, and why it refuses; an empty
+    text accepts.
     """
 
-    def __init__(self, domain: int, answers: Iterable[tuple[float, str]] | None = None) -> None:
+    def __init__(self, domain: int, answers: Iterable[tuple[Callable[[], object], str]] | None = None) -> None:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, domain_id=domain)
         self._node = rclpy.create_node(
@@ -96,8 +106,8 @@ class StubPlant:
     def _answer(
         self, _: SetParametersAtomically.Request, response: SetParametersAtomically.Response
     ) -> SetParametersAtomically.Response:
-        seconds, refusal = next(self._answers)
-        time.sleep(seconds)
+        wait, refusal = next(self._answers)
+        wait()
         response.result = SetParametersResult(successful=not refusal, reason=refusal)
         return response
 
@@ -184,7 +194,7 @@ def check_bag(folder: Path, row: dict[str, str]) -> None:
 
 def test_a_study_in_two_parts_tries_the_fins_of_one_in_a_single_part(start: Start, tmp_path: Path) -> None:
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    start_simulator(start, "speed:=0.0")
     for study, last in ((whole, "trial 0002"), (parts, "trial 0000")):  # neither comes to its picture
         begun = start_optimizer(start, study, "trials:=100", *SHORT)
         begun.wait_for_output(last)
@@ -242,7 +252,7 @@ def test_a_signal_in_the_middle_leaves_every_bag_readable_and_the_journal_comple
 
 
 def test_an_optimiser_that_is_stopped_switches_the_gait_off(start: Start, folder: Path, client: PlantTester) -> None:
-    start_node(start, "fin_sim", "simulator")
+    start_simulator(start)
     optimizer = start_optimizer(start, folder, "trials:=2")
     client.wait_for_state(State.SWIMMING)
     optimizer.signal(signal.SIGINT)
@@ -258,7 +268,7 @@ def test_without_a_plant_the_trial_fails_and_names_the_topic(start: Start, folde
     said = f"nobody publishes topic /fish/plant_state; no other node is seen at all, with ROS_DOMAIN_ID={ros_domain}, "
     assert said in table(folder)[0]["reason"]
     assert "3 trials in a row FAILED or were INTERRUPTED" in optimizer.output()
-    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    start_simulator(start, "speed:=0.0")
     again = start_optimizer(start, folder, "timeout.find:=20.0", "failures_in_a_row:=3", "trials:=1", *SHORT)
     again.wait_for_output("trial 0003")
     again.interrupt()  # before its picture, which takes as long as all the rest
@@ -303,7 +313,7 @@ def test_a_plant_without_services_fails_the_trial_and_names_them(start: Start, f
 def test_a_fin_that_the_plant_refuses_is_infeasible_and_not_tried_again(
     start: Start, folder: Path, ros_domain: int
 ) -> None:
-    with StubPlant(ros_domain, itertools.repeat((0.0, "fin.young_modulus is not in stock"))):
+    with StubPlant(ros_domain, itertools.repeat((at_once, "fin.young_modulus is not in stock"))):
         optimizer = start_optimizer(start, folder, "trials:=3")
         assert optimizer.wait(60) == 1
     rows = table(folder)
@@ -317,9 +327,13 @@ def test_a_fin_that_the_plant_refuses_is_infeasible_and_not_tried_again(
 def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_fins(
     start: Start, folder: Path, ros_domain: int
 ) -> None:
-    with StubPlant(ros_domain, [(0.7, "not in stock"), (0.0, "")]):
-        words = ("timeout.reply:=0.5", "timeout.plant:=0.5", "failures_in_a_row:=2")
-        assert start_optimizer(start, folder, *words).wait(60) == 1
+    asked_again = threading.Event()
+    with StubPlant(ros_domain, [(lambda: asked_again.wait(PATIENCE), "not in stock"), (at_once, "")]):
+        words = ("timeout.reply:=3.0", "timeout.plant:=0.5", "failures_in_a_row:=2")
+        optimizer = start_optimizer(start, folder, *words)
+        optimizer.wait_for_output("trial 0000")
+        asked_again.set()
+        assert optimizer.wait(60) == 1
     rows = table(folder)
     assert [row["outcome"] for row in rows] == ["INTERRUPTED", "INTERRUPTED"]
     assert "set the fin: no answer" in rows[0]["reason"]
@@ -328,7 +342,7 @@ def test_an_answer_that_comes_too_late_is_not_taken_for_the_next_fins(
 
 @pytest.mark.long
 def test_a_study_is_not_gone_on_with_by_another_fish(start: Start, folder: Path, client: PlantTester) -> None:
-    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    start_simulator(start, "speed:=0.0")
     assert start_optimizer(start, folder, "trials:=1", *SHORT).wait(60) == 0
     area = client.get_parameter("body.drag_area")
     bag = read_bag(folder / table(folder)[0]["bag"])
@@ -347,7 +361,7 @@ def test_a_study_is_not_gone_on_with_by_another_fish(start: Start, folder: Path,
 
 
 def test_two_plants_in_one_namespace_fail_the_trial(start: Start, folder: Path, ros_domain: int) -> None:
-    start_node(start, "fin_sim", "simulator").wait_for_output("kernel ready")
+    start_simulator(start).wait_for_output("kernel ready")
     with StubPlant(ros_domain, []):
         optimizer = start_optimizer(
             start, folder, "timeout.find:=2.0", "failures_in_a_row:=2", "attempts:=10", "trials:=1"
@@ -384,16 +398,18 @@ def test_a_driver_that_ends_while_somebody_mounts_a_fin_fails_the_trial(
 def test_a_fish_that_is_changed_during_its_swim_fails_the_trial(
     start: Start, folder: Path, client: PlantTester, name: str, reason: str
 ) -> None:
-    start_node(start, "fin_sim", "simulator")
+    start_simulator(start)
+    changed = {name: client.get_parameter(name) * 1.1}
     optimizer = start_optimizer(start, folder, "failures_in_a_row:=1")
-    client.wait_for_state(State.SWIMMING)
-    assert client.set_parameters({name: client.get_parameter(name) * 1.1}).successful
+    # Before that it would take the second swim for the first one.
+    client.wait_until(lambda: client.diagnostic("phase") == "measure", "an optimiser that has seen the fish swim")
+    assert client.set_parameters(changed).successful
     assert optimizer.wait(30) == 1
     assert reason in table(folder)[0]["reason"]
 
 
 def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, call: Callable[[str], Any]) -> None:
-    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    start_simulator(start, "speed:=0.0")
     optimizer = start_optimizer(start, folder, "trials:=1000", "autostart:=false", "measurement.duration:=1.0")
     optimizer.wait_for_output("1000 fins, seed 1")
     assert call("optimizer/pause").message == "nothing to pause: holding until ~/start is called"
@@ -416,7 +432,7 @@ def test_the_services_start_pause_and_stop_a_study(start: Start, folder: Path, c
 def test_the_trial_under_way_and_the_last_one_are_swum_again_when_somebody_asks(
     start: Start, folder: Path, client: PlantTester, call: Callable[[str], Any]
 ) -> None:
-    start_node(start, "fin_sim", "simulator", "speed:=3.0")
+    start_simulator(start, "speed:=0.05")  # so slow that a swim is under way until somebody has asked
     optimizer = start_optimizer(start, folder, "trials:=2", "autostart:=false", "measurement.duration:=2.0")
     optimizer.wait_for_output("2 fins, seed 1")
     assert call("optimizer/repeat").message == "nothing to repeat: no trial yet"
@@ -426,6 +442,7 @@ def test_the_trial_under_way_and_the_last_one_are_swum_again_when_somebody_asks(
     client.wait_for_state(State.READY)
     client.wait_for_state(State.SWIMMING)
     assert call("optimizer/pause").success
+    assert client.set_parameters({"speed": 3.0}).successful
     optimizer.wait_for_output("trial 0001")
     wait_until(lambda: call("optimizer/pause").success is False, 20, "the study to hold")
     again = start(*CONTROL, "repeat")
@@ -460,7 +477,7 @@ def test_control_without_an_optimiser_says_what_it_sees(start: Start, folder: Pa
 def test_a_disk_that_fills_up_ends_the_study_without_loss_and_more_room_lets_it_go_on(
     start: Start, tmp_path: Path, disk: Disk
 ) -> None:
-    start_node(start, "fin_sim", "simulator", "speed:=0.0")
+    start_simulator(start, "speed:=0.0")
     whole, cut = tmp_path / "whole", disk.path / "study"
     assert start_optimizer(start, whole, "trials:=8", *SHORT).wait(90) == 0
     refused = start_optimizer(start, cut, "trials:=8", *SHORT)

@@ -11,30 +11,38 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from rcl_interfaces.msg import ParameterType
-from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import DescribeParameters, GetParameters
+from rclpy.parameter import parameter_value_to_python
 from std_msgs.msg import Float64MultiArray
 
 from fin_plant import topics
 from fin_plant.fin import FIN_PARAMETERS, PLANT_PARAMETERS
 from fin_plant.frames import Frames
-from fin_plant.gait import PAPER_GAIT, carangiform
-from fin_plant.messages import gait_from_message, gait_message, nanoseconds_of
+from fin_plant.gait import PAPER_GAIT, Gait, carangiform
+from fin_plant.messages import as_text, gait_from_message, gait_message, nanoseconds_of
 from fin_plant.plant_state import EMERGENCY, RELEASE, SERVO_TORQUE, THRUST, State
 from fin_servo_driver.emulator.devices import Firmata
 from support.domains import locked_domain
 from support.plant_tester import GAIT_PERIOD
 from support.processes import StartedProcess, start_executable, workspace_environment
-from support.robot_client import ACTIVATE, RobotClient, plugged_in
+from support.robot_client import ACTIVATE, CONFIGURE, RobotClient, plugged_in
 from support.steady import on_time
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from numpy.typing import NDArray
+
+    from fin_plant.plant_state import PlantState
 
 pytestmark = pytest.mark.graph
 STREAMS = (topics.JOINT_STATES, topics.POSE, topics.VELOCITY)
 """What every plant offers; thrust is the simulator's alone."""
+FIN = {name: parameter.default for name, parameter in FIN_PARAMETERS.items()}
+COMMAND_TIMEOUT = {"command_timeout": PLANT_PARAMETERS["command_timeout"].default}
+"""As a plant comes."""
+PROFILE = {"fin.profile_position": [0.25, 0.5], "fin.profile_height": [0.02, 0.03]}
+STRAIGHT: dict[str, Any] = {name: [] for name in PROFILE}
 
 
 class ContractClient(RobotClient):
@@ -45,39 +53,66 @@ class ContractClient(RobotClient):
         self._plant = plant
         self.operator = operator
 
-    def _call(self, service_type: Any, name: str, request: Any) -> Any:
-        self._told = len(self.arrivals(topics.PLANT_STATE))
-        return super()._call(service_type, name, request)
+    def lead_to(self, wanted: Callable[[PlantState], object], what: str) -> None:
+        """Do what an operator would do, where nobody else does, until the plant is READY and as it is wanted."""
 
-    def become_ready(self) -> None:
-        """Wait for READY, doing what an operator would do."""
-        if self.operator:
-            self.configure()
-            self.settle()
-            assert self.change_state(ACTIVATE), self.reason()
-        self.wait_for_state(State.READY)
+        def reached() -> bool:
+            state = self.state()
+            if state is not None and self.operator:
+                self._answer(state.details.get("waiting_for", ""))
+            return state is not None and state.state is State.READY and bool(wanted(state))
 
-    def settle(self) -> None:
-        """Confirm what the plant waits for, and wait until it is ready or needs to be armed."""
-        if not self.operator:
-            self.wait_for_state(State.READY)
-            return
-        self.wait_until(lambda: len(self.arrivals(topics.PLANT_STATE)) > self._told, "the state after what was asked")
-        state = self.state()
-        if state is not None and state.state is State.WAITING_FOR_FIN:
-            assert self.confirm_fin().success
-        elif state is not None and state.details.get("waiting_for") == "mark":
-            assert self.confirm_mark().success
+        self.wait_until(reached, what)
+
+    def _answer(self, waiting: str) -> None:
+        """Do what a robot waits for; it may have come to wait for something else meanwhile."""
+        if waiting == "configuring":
+            self.change_state(CONFIGURE)
+        elif waiting == "fin":
+            self.confirm_fin()
+        elif waiting == "arming":
+            self.change_state(ACTIVATE)
+        elif waiting == "mark":
+            self.confirm_mark()
+
+    def set_fin(self, fin: Mapping[str, Any]) -> None:
+        """Have this fin mounted, and wait until the plant is ready with it and waits for no other value."""
+        assert self.set_parameters(fin).successful
+        wanted = {name: as_text(value) for name, value in fin.items()}
+        self.lead_to(
+            lambda state: (
+                {name: state.fin[name] for name in wanted} == wanted
+                and not any(name in state.reason for name in PROFILE)
+            ),
+            f"READY with {wanted}",
+        )
 
     def put_back(self) -> int:
         """Bring the fish to its start, as a trial does; return the stamp before."""
         before = self.wait_for_state(State.READY).stamp
         assert self.request_reset().success
-        self.settle()
-        self.wait_until(
-            lambda: (s := self.state()) is not None and s.state is State.READY and s.stamp > before, "READY"
-        )
+        self.lead_to(lambda state: state.stamp > before, "READY at the start")
         return before
+
+    def recover(self) -> None:
+        """Bring the plant to rest with the fin that it starts with, whatever a test has left behind."""
+        self.publish_gait(None)
+        state = self.state()
+        if state is not None and state.state is State.FAULT:
+            assert self.emergency_stop(on=False).success
+            self.request_reset()
+        if self.values_of(COMMAND_TIMEOUT) != COMMAND_TIMEOUT:
+            assert self.set_parameters(COMMAND_TIMEOUT).successful
+        if self.values_of(FIN) != FIN:
+            self.set_fin(FIN)
+        self.lead_to(lambda _: True, "READY")
+
+    def values_of(self, names: Iterable[str]) -> dict[str, Any]:
+        """Return the values of parameters."""
+        names = list(names)
+        answer = self._call(GetParameters, "get_parameters", GetParameters.Request(names=names))
+        values = (parameter_value_to_python(value) for value in answer.values)
+        return {name: list_or_value(value) for name, value in zip(names, values, strict=True)}
 
     def publishers(self, topic: topics.Topic[Any]) -> list[Any]:
         """Return who publishes a topic."""
@@ -138,7 +173,7 @@ def running(
             start("fin_servo_driver", "servo_driver", "robot_file:=firmata", f"port:={port.path}")
         if kind.name != "simulator":
             start("fin_servo_driver", "velocity_estimator")
-        client.become_ready()
+        client.lead_to(lambda _: True, "READY")
         yield kind, client
         complaints = [complaint for process in reversed(started) for complaint in process.end()]
         assert complaints == []
@@ -152,17 +187,7 @@ def list_or_value(value: Any) -> Any:
 @pytest.fixture
 def plant(running: tuple[PlantKind, ContractClient]) -> tuple[PlantKind, ContractClient]:
     """Return the plant at rest, with the fin that it starts with."""
-    _, client = running
-    client.publish_gait(None)
-    state = client.state()
-    assert state is not None
-    if state.state is State.SWIMMING:
-        client.wait_for_state(State.READY)
-    defaults = {name: parameter.default for name, parameter in FIN_PARAMETERS.items()}
-    if any(list_or_value(client.get_parameter(name)) != value for name, value in defaults.items()):
-        assert client.set_parameters(defaults).successful
-        client.settle()
-    client.wait_for_state(State.READY)
+    running[1].recover()
     return running
 
 
@@ -229,62 +254,67 @@ def stamps_of(client: ContractClient, topic: topics.Topic[Any]) -> NDArray[np.in
     return np.array([nanoseconds_of(message.header.stamp) for message in client.received(topic)])
 
 
-def swim_for_four_seconds(client: ContractClient, rate: float) -> int:
-    """Return the stamp of a swim that was not broken off; a client that is put aside may repeat its gait too late.
+def settled(stamps: NDArray[np.int64], angles: NDArray[np.float64], since: int, rate: float) -> NDArray[np.bool_]:
+    """Return which samples show how the gait of a swim is followed, shape (n,).
 
-    It goes on until a second of it came on time, at this rate of samples.
+    Those that came on time, after the ramp of 0.5 s, which counts from when the gait was taken.
+
+    Args:
+        stamps: Of successive samples in ns, shape (n,).
+        angles: Of the driven joint in rad, shape (n,).
+        since: The swim's stamp in ns.
+        rate: Samples a second.
     """
-
-    def goes_on(since: int) -> bool:
-        state = client.state()
-        return state is not None and state.state is State.SWIMMING and state.stamp == since
-
-    def over(since: int) -> bool:
-        end = since + 4_000_000_000
-        if not all(nanoseconds_of(client.received(topic)[-1].header.stamp) > end for topic in STREAMS):
-            return False
-        stamps = stamps_of(client, topics.JOINT_STATES)
-        return bool(on_time(stamps[stamps >= since], rate).sum() > rate)
-
-    for _ in range(10):
-        since = client.wait_for_state(State.SWIMMING).stamp
-        client.wait_until(lambda since=since: over(since) or not goes_on(since), "4 s of swimming")  # type: ignore[misc]
-        if goes_on(since):
-            return since
-    pytest.fail("no swim of ten lasted for 4 s")
+    moving = stamps[(stamps >= since) & (angles != 0.0)]
+    if moving.size == 0:
+        return np.zeros(stamps.shape, dtype=np.bool_)
+    inside: NDArray[np.bool_] = stamps > moving[0] + 700_000_000
+    return inside & on_time(stamps, rate)
 
 
 def test_a_swim_is_one_of_the_contract_from_reset_to_rest(plant: Plant) -> None:
     kind, client = plant
+    # The swim is whole where the machine puts aside the test that commands it.
+    assert client.set_parameters({"command_timeout": 10.0}).successful
     client.put_back()
     client.publish_gait(gait_message(PAPER_GAIT.rows()), repeat=True)
-    since = swim_for_four_seconds(client, kind.rate)
-    applied = gait_from_message(client.received(topics.GAIT_APPLIED)[-1])
-    assert applied.joints[0].amplitude == pytest.approx(math.radians(15.0))
-    joint = [
-        (nanoseconds_of(m.header.stamp), m.position[0])
-        for m in client.received(topics.JOINT_STATES)
-        if nanoseconds_of(m.header.stamp) >= since
-    ]
-    times = np.array([stamp - since for stamp, _ in joint]) / 1e9
-    angles = np.array([angle for _, angle in joint])
-    # A gait that is taken late, at most by command_timeout = 0.5 s, is ramped from then on, for 0.5 s.
-    settled = (times > 1.2) & on_time([stamp for stamp, _ in joint], kind.rate)
-    expected = math.radians(15.0) * np.sin(2.0 * math.pi * 0.9 * times)
-    assert np.max(np.abs(angles - expected)[settled]) < 0.005  # a third of a degree
+    since = client.wait_for_state(State.SWIMMING).stamp
+
+    def tail() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        told = client.received(topics.JOINT_STATES)
+        return stamps_of(client, topics.JOINT_STATES), np.array([message.position[0] for message in told])
+
+    def swum() -> bool:
+        newest = [nanoseconds_of(client.received(topic)[-1].header.stamp) for topic in STREAMS]
+        return min(newest) > since + 4_000_000_000 and bool(settled(*tail(), since, kind.rate).sum() > kind.rate)
+
+    client.wait_until(swum, "4 s of swimming, a second of it on time")
+    stamps, angles = tail()
+    expected = math.radians(15.0) * np.sin(2.0 * math.pi * 0.9 * (stamps - since) / 1e9)
+    off = np.abs(angles - expected)[settled(stamps, angles, since, kind.rate)]
+    # A set-point that was handed over late shortens a robot's next step; on simulated time test_device_loop.py asks for
+    # all, and test_simulator.py for every sample of the simulator.
+    assert np.quantile(off, 0.9) < 0.005  # a third of a degree
+    client.wait_until(
+        lambda: newest_gait(client).joints[0].amplitude == pytest.approx(math.radians(15.0)), "the gait in gait_applied"
+    )
     if kind.name != "robot":  # whose fish nobody moves
         forward = [m.twist.linear.x for m in client.received(topics.VELOCITY)][-50:]
         assert 0.01 < np.mean(forward) < 0.08
     client.stop_swimming()
-    client.wait_until(lambda: client.received(topics.GAIT_APPLIED)[-1].data[0] == 0.0, "gait_applied of no amplitude")
+    client.wait_until(lambda: not newest_gait(client).moves, "gait_applied of no amplitude")
+
+
+def newest_gait(client: ContractClient) -> Gait:
+    return gait_from_message(client.received(topics.GAIT_APPLIED)[-1])
 
 
 def test_the_gait_applied_is_inside_the_limits(plant: Plant) -> None:
     _, client = plant
     client.publish_gait(gait_message(carangiform(1.0, 0.9).rows()), repeat=True)
     client.wait_for_state(State.SWIMMING)
-    client.wait_until(lambda: client.received(topics.GAIT_APPLIED)[-1].data[0] > 0.0, "gait_applied")
-    assert client.received(topics.GAIT_APPLIED)[-1].data[0] == pytest.approx(math.radians(15.0))
+    client.wait_until(lambda: newest_gait(client).moves, "gait_applied")
+    assert newest_gait(client).joints[0].amplitude == pytest.approx(math.radians(15.0))
 
 
 def test_without_a_fresh_gait_it_comes_to_rest_and_says_why(plant: Plant) -> None:
@@ -302,7 +332,7 @@ def test_a_bad_gait_is_refused_and_counted(plant: Plant, data: list[float]) -> N
     before = int(client.diagnostic("gaits_refused") or 0)
     client.publish_gait(Float64MultiArray(data=[float(value) for value in data]))
     client.wait_until(lambda: int(client.diagnostic("gaits_refused") or 0) > before, "count of refusals")
-    assert client.diagnostic("last_refusal")
+    client.wait_until(lambda: client.diagnostic("last_refusal"), "the refusal's reason")
     state = client.state()
     assert state is not None
     assert state.state is State.READY
@@ -335,34 +365,7 @@ def test_a_bad_fin_is_refused_with_the_reason_and_nothing_changes(
 
 def test_a_fin_is_taken_whole_and_then_in_the_state(plant: Plant) -> None:
     _, client = plant
-    fin = {"fin.young_modulus": 2.0e9, "fin.length": 0.06}
-    assert client.set_parameters(fin).successful
-    client.settle()
-    client.wait_until(
-        lambda: (
-            (s := client.state()) is not None
-            and s.state is State.READY
-            and {name: float(s.fin[name]) for name in fin} == fin
-        ),
-        "READY with the new fin",
-    )
-
-
-PROFILE = {"fin.profile_position": [0.25, 0.5], "fin.profile_height": [0.02, 0.03]}
-STRAIGHT: dict[str, Any] = {name: [] for name in PROFILE}
-
-
-def wait_for_fin(client: ContractClient, fin: dict[str, Any]) -> None:
-    """Wait until the plant is ready, waits for no other value, and has this fin."""
-    client.wait_until(
-        lambda: (
-            (s := client.state()) is not None
-            and s.state is State.READY
-            and not any(name in s.reason for name in PROFILE)
-            and {name: s.fin[name] for name in fin} == {name: repr(value) for name, value in fin.items()}
-        ),
-        "READY with the fin",
-    )
+    client.set_fin({"fin.young_modulus": 2.0e9, "fin.length": 0.06})
 
 
 @pytest.mark.parametrize("order", [("fin.profile_position", "fin.profile_height")[::step] for step in (1, -1)])
@@ -386,12 +389,11 @@ def test_a_profile_is_set_in_either_order_and_by_half_it_is_told_and_no_gait_sta
     bad = client.set_parameters({second: [0.6, 7.0]})
     assert not bad.successful
     assert second in bad.reason
-    assert client.set_parameters({second: PROFILE[second]}).successful
-    client.settle()
-    wait_for_fin(client, PROFILE)
-    assert client.set_parameters(STRAIGHT).successful
-    client.settle()
-    wait_for_fin(client, STRAIGHT)
+    client.set_fin({second: PROFILE[second]})
+    state = client.state()
+    assert state is not None
+    assert {name: state.fin[name] for name in PROFILE} == {name: as_text(value) for name, value in PROFILE.items()}
+    client.set_fin(STRAIGHT)
 
 
 def test_a_reset_is_followed_by_a_state_with_a_later_stamp(plant: Plant) -> None:
@@ -420,7 +422,7 @@ def test_one_button_stops_every_plant_and_only_its_release_leads_on(plant: Plant
     assert client.emergency_stop(on=True).success
     stopped = client.wait_for_state(State.FAULT)
     assert (stopped.reason, stopped.details["waiting_for"]) == (EMERGENCY, RELEASE)
-    client.wait_until(lambda: client.received(topics.GAIT_APPLIED)[-1].data[0] == 0.0, "gait_applied of no amplitude")
+    client.wait_until(lambda: not newest_gait(client).moves, "gait_applied of no amplitude")
     refused = int(client.diagnostic("gaits_refused") or 0)
     answer = client.request_reset()
     assert (answer.success, answer.message) == (False, EMERGENCY)
@@ -454,8 +456,7 @@ def test_every_plant_describes_its_fish_and_shows_it_anew_with_each_fin(plant: P
     client.wait_until(lambda: abs(markers[-1].markers[1].pose.position.x - pose.x) < 0.05, "the body at its place")
     assert markers[-1].markers[1].header.frame_id == paths[-1].header.frame_id == "tank"
     assert paths[-1].poses
-    assert client.set_parameters({"fin.length": 0.05}).successful
-    client.settle()
+    client.set_fin({"fin.length": 0.05})
     client.wait_until(lambda: length_of(descriptions[-1].data) == pytest.approx(0.05), "the new fin's description")
 
 

@@ -23,7 +23,7 @@ from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.trial.recorder import Recorder
 from fin_plant import topics
 from fin_plant.discovery import End, look_around
-from support.waiting import wait_until
+from support.waiting import PATIENCE, wait_until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -68,6 +68,7 @@ for line in sys.stdin:
             for publisher in streams:
                 assert publisher.wait_for_all_acked(Duration(seconds=20))
     say(State.READY)
+    assert state.wait_for_all_acked(Duration(seconds=20))
     print("sent", line.strip(), flush=True)
 """
 
@@ -224,7 +225,7 @@ sys.exit(3)
 def test_a_program_that_forgets_to_close_still_ends_and_leaves_a_whole_bag(ros_domain: int, tmp_path: Path) -> None:
     environment = os.environ | {"ROS_DOMAIN_ID": str(ros_domain), "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", FORGETFUL, str(tmp_path / "bag")]
-    assert subprocess.run(command, env=environment, check=False, timeout=30).returncode == 3
+    assert subprocess.run(command, env=environment, check=False, timeout=PATIENCE).returncode == 3
     bag = read_bag(tmp_path / "bag")
     assert (bag.complete, bag.metadata) == (True, {"trial.number": "1"})
 

@@ -87,8 +87,11 @@ def test_a_fin_that_failed_on_every_fish_is_tried_again_until_it_is_given_up(sta
     study = start("fin_optimizer", "optimizer", "--ros-args", *parameters(*words, *hasty, "failures_in_a_row:=100"))
     assert study.wait(60) == 1
     trials = read_trials(folder)
-    assert [trial.outcome for trial in trials] == [Outcome.FAILED] * 4
-    assert {trial.plant for trial in trials[:2]} == set(FISH), "it first tries the other one"
+    failed = [trial for trial in trials if trial.outcome is Outcome.FAILED]
+    # On a busy machine with swims among them whose gait came late, which say nothing about the fin.
+    assert {trial.outcome for trial in trials} <= {Outcome.FAILED, Outcome.INTERRUPTED}
+    assert len(failed) == 4
+    assert {trial.plant for trial in failed[:2]} == set(FISH), "it first tries the other one"
     assert "no trial gave a score" in study.output()
 
 
@@ -106,18 +109,21 @@ def test_a_fish_in_fault_is_left_out_and_takes_part_again_after_its_reset(
         somebody_else.wait_for_state(State.FAULT)
     study.wait_for_output(f"{FISH[1]} does not take part: {FISH[1]}/simulator is in FAULT")
 
-    def disturbed_and_again() -> tuple[TrialRecord, list[TrialRecord]]:
+    def again() -> list[TrialRecord]:
+        """Return the swims of the fin whose swim was disturbed that come after that one."""
         trials = read_trials(folder)
-        disturbed = next(trial for trial in trials if trial.plant == FISH[1] and trial.outcome is Outcome.INTERRUPTED)
-        return disturbed, [
-            one for one in trials if one.number > disturbed.number and one.candidate == disturbed.candidate
-        ]
+        for disturbed in trials:
+            # Whichever the study learns of first: that the fish swims another gait than its own, or that it folded.
+            if (
+                disturbed.plant == FISH[1]
+                and disturbed.outcome is Outcome.INTERRUPTED
+                and ("another gait" in disturbed.reason or "a hinge of the fin bent by" in disturbed.reason)
+            ):
+                return [one for one in trials if one.number > disturbed.number and one.candidate == disturbed.candidate]
+        return []
 
-    wait_until(lambda: disturbed_and_again()[1], 60, "another swim of the fin whose swim was disturbed")
-    disturbed, again = disturbed_and_again()
-    # Whichever the study learns of first: that the fish swims another gait than its own, or that the fin folded.
-    assert "another gait" in disturbed.reason or "a hinge of the fin bent by" in disturbed.reason
-    assert {trial.plant for trial in again} == {FISH[0]}
+    wait_until(again, 60, lambda: f"another swim of the fin whose swim was disturbed: {read_trials(folder)}")
+    assert {trial.plant for trial in again()} == {FISH[0]}
     assert call(f"{FISH[1]}/simulator/request_reset").success
     study.wait_for_output(f"{FISH[1]} takes part")
     study.signal(signal.SIGINT)

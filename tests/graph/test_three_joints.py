@@ -95,7 +95,7 @@ def test_three_driven_joints_and_a_passive_fin_swim_a_study_and_go_on_with_it(st
     assert "gait.lag = 0.5 has no meaning beside gait.joints.phase" in other.tail()
     gone_on = start("fin_optimizer", "bringup", "trials:=2", *words)
     assert gone_on.wait(60.0) == 0, gone_on.tail()
-    assert len(read_trials(study)) == 2
+    assert [trial.candidate for trial in read_trials(study) if trial.outcome is Outcome.OK] == [0, 1]
 
 
 @pytest.mark.long

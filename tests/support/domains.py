@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import itertools
 import os
 import tempfile
 from contextlib import contextmanager
@@ -14,18 +15,21 @@ if TYPE_CHECKING:
 
 # Domain 0 is everybody's default; above 101 the UDP ports of Fast DDS reach into Linux' ephemeral range.
 DOMAINS = range(1, 102)
+_TURNS = itertools.count()
 
 
 @contextmanager
 def locked_domain() -> Iterator[int]:
     """Hold a ROS_DOMAIN_ID that no other test on this machine holds; the lock ends with the process at the latest.
 
+    It is another one each time: what the test before has killed may need a moment to be gone.
+
     Raises:
         RuntimeError: Every domain is held.
     """
     folder = Path(tempfile.gettempdir())
     # Start at a place of this process' own: two test runs then rarely try the same domains.
-    first = os.getpid() % len(DOMAINS)
+    first = (os.getpid() + next(_TURNS)) % len(DOMAINS)
     for domain in [*DOMAINS[first:], *DOMAINS[:first]]:
         try:
             handle = os.open(folder / f"ros_domain_{domain}.lock", os.O_CREAT | os.O_RDWR, 0o666)
