@@ -65,10 +65,11 @@ def with_mcap(bag: Path) -> list[tuple[str, Any]]:
         ]
 
 
+@pytest.mark.timeout(900)
 def test_the_demo_finds_the_best_fin_and_its_bags_are_complete(start: Callable[..., Any], tmp_path: Path) -> None:
     folder = tmp_path / "study"
     process = start("fin_optimizer", "bringup", f"study_folder:={folder}")
-    assert process.wait(timeout=250.0) == 0, process.tail()
+    assert process.wait(timeout=600.0) == 0, process.tail()
     with (folder / "trials.csv").open(newline="") as file:
         trials = list(csv.DictReader(file))
     # On a machine that is busy with something else a trial may fail; it is then made again.
