@@ -1,12 +1,11 @@
-"""Long chains in lanes: code with loops over the links gives what straight code and the general kernel give."""
+"""Chains in lanes: generated code, whatever its form and the chain's length, gives what the general kernel gives."""
 
 from __future__ import annotations
 
 import itertools
 from dataclasses import replace
 from importlib import import_module
-from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -17,12 +16,14 @@ from fin_sim.batch.columns import fin_columns, with_gaits
 from fin_sim.batch.general_kernel import swim_by_general_kernel
 from fin_sim.batch.kernel import generate
 from fin_sim.batch.lanes import lane_figures
+from fin_sim.batch.loops import code_of
 from fin_sim.batch.result import FIGURES
 from fin_sim.batch.step import Form
 from fin_sim.batch.task import checked_task
 from fin_sim.batch.tolerances import difference, error_floors
 from fin_sim.chain import MAXIMUM_LINKS
 from fin_sim.fish import Fish, Link
+from support.lane_equations import interpret, straight_code
 from support.paper_fish import FISH as PAPER_FISH
 from support.paper_fish import paper_columns
 from support.random_swims import RandomSwim, random_swim
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from fin_sim.batch import Precision
+    from fin_sim.batch.step import Code
     from fin_sim.batch.task import Task
     from fin_sim.chain import Clamp, Reactive
 
@@ -44,20 +46,10 @@ LONG = MAXIMUM_LINKS - 1
 
 
 @pytest.fixture
-def interpreted(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], None]:
-    """Return what makes generated code run as it stands, uncompiled, straight up to so many links."""
-
-    def load(source: str) -> Any:
-        names: dict[str, Any] = {}
-        exec(source.replace("from fin_sim.compiled import kernel", "kernel = lambda function: function"), names)  # noqa: S102
-        return SimpleNamespace(**names)
-
-    def until(links: int) -> None:
-        monkeypatch.setattr(kernel, "LONGEST_STRAIGHT_CHAIN", links)
-        monkeypatch.setattr(import_module("fin_sim.batch.lanes"), "generate", generate.__wrapped__)
-
-    monkeypatch.setattr(kernel, "_load", load)
-    return until
+def interpreted(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Form], Code]], None]:
+    """Let generated code run as it stands, uncompiled; return what has it generated in another way."""
+    interpret(monkeypatch)
+    return lambda generator: monkeypatch.setattr(kernel, "code_of", generator)
 
 
 def task_of(fish: Fish, clamp: str, reactive: str, precision: str, gait: Gait) -> Task:
@@ -78,13 +70,17 @@ def task_of(fish: Fish, clamp: str, reactive: str, precision: str, gait: Gait) -
     ],
 )
 def test_code_with_loops_over_the_links_does_what_straight_code_does(
-    driven: int, clamp: Clamp, reactive: Reactive, precision: Precision, interpreted: Callable[[int], None]
+    driven: int,
+    clamp: Clamp,
+    reactive: Reactive,
+    precision: Precision,
+    interpreted: Callable[[Callable[[Form], Code]], None],
 ) -> None:
     """With all that a form can have: taper, dampers, current, linear drag, drag by amplitude; chains of any length."""
     water = replace(PAPER_FISH.water, current_x=-0.03, current_y=0.02, oscillating_drag=1.5)
     plain = replace(PAPER_FISH, peduncle=THREE_SERVOS if driven == 3 else ())
     stream = replace(plain, body=replace(PAPER_FISH.body, linear_drag=0.02), water=water)
-    for (fish, tip), segments in itertools.product(((plain, 0.025), (stream, 0.04)), (1, 5)):
+    for (fish, tip), segments in itertools.product(((plain, 0.025), (stream, 0.04)), (1, 2, 5)):
         columns = fin_columns(
             paper_columns(
                 segments=segments,
@@ -96,33 +92,32 @@ def test_code_with_loops_over_the_links_does_what_straight_code_does(
             )
         )
         task = task_of(fish, clamp, reactive, precision, GAITS[driven])
-        interpreted(100)
+        interpreted(straight_code)
         straight = lane_figures(task, columns)
-        interpreted(0)
-        rolled = lane_figures(task, columns)
-        assert rolled == pytest.approx(straight, rel=1e-10 if precision == "double" else 1e-3, abs=1e-12)
+        interpreted(code_of)
+        looped = lane_figures(task, columns)
+        assert looped == pytest.approx(straight, rel=1e-10 if precision == "double" else 1e-3, abs=1e-12)
         assert np.abs(straight[:, 0]).min() > 0.0 or clamp == "fixed"
 
 
-@pytest.mark.parametrize("links", [0, 100])
-def test_a_gait_of_its_own_moves_a_fish_as_one_that_all_share(links: int, interpreted: Callable[[int], None]) -> None:
-    fish, columns = replace(PAPER_FISH, peduncle=THREE_SERVOS), fin_columns(paper_columns(young_modulus=[2e8, 1e9]))
+@pytest.mark.parametrize("segments", [1, 3])
+@pytest.mark.usefixtures("interpreted")
+def test_a_gait_of_its_own_moves_a_fish_as_one_that_all_share(segments: int) -> None:
+    fish = replace(PAPER_FISH, peduncle=THREE_SERVOS)
+    columns = fin_columns(paper_columns(segments=segments, hinges="midpoint", young_modulus=[2e8, 1e9]))
     gait = Gait((*GAITS[3].joints[:2], JointDrive(0.4, 1.3, -1.0, 0.2)))
     task = task_of(fish, "free", "distributed", "double", gait)
-    interpreted(links)
     for ramp_time in (0.05, 0.0):
         shared = lane_figures(replace(task, ramp_time=ramp_time), columns)
         own = lane_figures(replace(task, gait=None, ramp_time=ramp_time), with_gaits(columns, [gait.rows()] * 2, 3))
         assert own == pytest.approx(shared, rel=1e-9, abs=1e-12)
 
 
-def test_a_profile_along_a_straight_line_changes_nothing_and_one_beside_it_does(
-    interpreted: Callable[[int], None],
-) -> None:
+@pytest.mark.usefixtures("interpreted")
+def test_a_profile_along_a_straight_line_changes_nothing_and_one_beside_it_does() -> None:
     fish = replace(PAPER_FISH, water=replace(PAPER_FISH.water, oscillating_drag=1.5))
     plain = paper_columns(segments=4, hinges="midpoint", tip_height=0.045, young_modulus=[2e8, 1e9])
     task = task_of(fish, "free", "distributed", "double", GAITS[1])
-    interpreted(0)
     straight = lane_figures(task, fin_columns(plain))
     at = np.array([0.05, 0.1, 0.5, 0.85])
     on_line = 0.025 + (0.045 - 0.025) * at
@@ -137,10 +132,8 @@ def test_a_profile_along_a_straight_line_changes_nothing_and_one_beside_it_does(
 
 
 @pytest.mark.parametrize("clamp", ["free", "fixed"])
-def test_a_long_chain_that_is_not_finite_is_seen_and_spoils_no_neighbour(
-    clamp: Clamp, interpreted: Callable[[int], None]
-) -> None:
-    interpreted(0)
+@pytest.mark.usefixtures("interpreted")
+def test_a_chain_that_is_not_finite_is_seen_and_spoils_no_neighbour(clamp: Clamp) -> None:
     moduli = np.array([1e9, np.nan, 1e9, np.inf])
     columns = fin_columns(paper_columns(segments=5, young_modulus=moduli))
     with np.errstate(all="ignore"):
@@ -150,8 +143,8 @@ def test_a_long_chain_that_is_not_finite_is_seen_and_spoils_no_neighbour(
     assert np.isfinite(figures[0]).all()
 
 
-def test_one_compilation_serves_long_chains_of_every_length() -> None:
-    codes = [generate(Form(1, links, free=True, distributed=True, tapered=True)) for links in (9, 15, 21)]
+def test_one_compilation_serves_chains_of_every_length() -> None:
+    codes = [generate(Form(1, links, free=True, distributed=True, tapered=True)) for links in (3, 12, 21)]
     assert len({id(code.advance) for code in codes}) == 1
     grown = np.diff([sum(code.operations.values()) for code in codes])
     assert grown[0] == grown[1]  # the cost is linear in the links

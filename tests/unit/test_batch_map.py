@@ -60,19 +60,19 @@ def log_uniform(random: np.random.Generator, ends: tuple[float, float], count: i
     return np.exp(random.uniform(math.log(ends[0]), math.log(ends[1]), count))
 
 
-def drawn(band: tuple[float, float], count: int, *, only_rolled: bool) -> tuple[dict[str, Any], NDArray[np.float64]]:
+def drawn(band: tuple[float, float], count: int, *, one_form: bool) -> tuple[dict[str, Any], NDArray[np.float64]]:
     """Return columns of fins, so many of each range of E, and their gaits."""
     random = np.random.default_rng(round(1000 * band[0]))
     rows = count * len(MODULI)
     moduli = np.concatenate([log_uniform(random, ends, count) for ends in MODULI])
     height = random.uniform(0.01, 0.04, rows)
     tip = height * np.exp(random.uniform(-math.log(3.0), math.log(3.0), rows))
-    segments = random.integers(2 if only_rolled else 1, 21, rows)
+    segments = random.integers(2 if one_form else 1, 21, rows)
     columns = paper_columns(
         young_modulus=moduli,
         length=random.uniform(0.04, 0.14, rows),
         height=height,
-        tip_height=tip if only_rolled else np.where(random.random(rows) < 0.3, height, tip),
+        tip_height=tip if one_form else np.where(random.random(rows) < 0.3, height, tip),
         thickness=random.choice([2e-4, 5e-4, 1.2e-3], rows),
         damping_time=random.choice([0.005, 0.015, 0.04], rows),
         segments=segments,
@@ -86,9 +86,9 @@ def drawn(band: tuple[float, float], count: int, *, only_rolled: bool) -> tuple[
     return columns, gaits
 
 
-def band_of_the_map(band: tuple[float, float], count: int, *, only_rolled: bool = False) -> list[Cell]:
+def band_of_the_map(band: tuple[float, float], count: int, *, one_form: bool = False) -> list[Cell]:
     """Return the cells of a band of frequencies, one a range of E."""
-    columns, gaits = drawn(band, count, only_rolled=only_rolled)
+    columns, gaits = drawn(band, count, one_form=one_form)
     duration, ramp = BEATS / band[0], RAMP / band[0]
     settle = duration * 2.0 / 3.0
     swum = swim_batch(columns, FISH, gaits, duration, ramp_time=ramp, settle=settle, threads=1)  # may compile
@@ -116,7 +116,7 @@ def band_of_the_map(band: tuple[float, float], count: int, *, only_rolled: bool 
 
 @pytest.mark.parametrize("band", [FREQUENCIES[1], FREQUENCIES[3]])
 def test_no_row_of_the_reduced_map_is_silently_wrong(band: tuple[float, float]) -> None:
-    cells = band_of_the_map(band, 2, only_rolled=True)
+    cells = band_of_the_map(band, 2, one_form=True)
     assert max(cell.worst for cell in cells) < 1.0
     assert not any(cell.unjudged for cell in cells)
     assert sum(cell.told for cell in cells) < 0.5 * sum(cell.rows for cell in cells)

@@ -4,8 +4,8 @@
   damping for the lanes' long steps, and fish whose servos have a motor each swim by the general kernel of
   `fin_sim.dynamics` (`general_kernel`).
 * `columns`: fins as columns. `links`: what they are as links. `task`: what all fins share.
-* `equations`, `step`, `tracing`: the equations of one fish and one step in time, recorded. `kernel`, `rolled`: what was
-  recorded made into code whose vector registers hold a fish in each lane, without and with loops over the links.
+* `equations`, `step`, `tracing`: the equations of one fish and one step in time, recorded. `loops`, `kernel`: what was
+  recorded made into code with loops over the links, whose vector registers hold a fish in each lane.
 * `window`: means over the end of a swim. `result`: what comes out.
 
 Every figure is right to `TOLERANCES`, or its swim has none and says so. Near the paper's gait and fins (`proven`) one

@@ -168,18 +168,6 @@ class Hinge:
 
 
 @dataclass(frozen=True)
-class Response:
-    """What the equations give: accelerations, forward force of the water less its reaction, servos' power."""
-
-    surge: Real
-    sway: Real
-    yaw: Real
-    hinges: tuple[Real, ...]
-    thrust: Real
-    power: Real
-
-
-@dataclass(frozen=True)
 class Precision:
     """Degrees of the polynomials, in the square of their argument, for one floating-point type."""
 
@@ -430,61 +418,6 @@ def accelerate_link(
         value = push - inverse * (h_e * a_e + h_n * a_n + inertia * bend)
         bend = bend + value
     return (a_e + link.length * yaw_rate * yaw_rate, a_n - link.length * bend, bend), value
-
-
-def respond(
-    body: LaneBody,
-    links: Sequence[LaneLink],
-    drives: Sequence[Drive],
-    hinges: Sequence[Hinge],
-    velocity: Motion,
-    *,
-    free: bool,
-    distributed: bool,
-    precision: Precision,
-) -> Response:
-    """Return the accelerations of the body (in body axes) and of the hinges.
-
-    Args:
-        body: The body.
-        links: From the head to the tail.
-        drives: Of the first joints.
-        hinges: The joints behind them.
-        velocity: Surge, sway, yaw rate.
-        free: Whether the body moves under its forces.
-        distributed: Form of the reactive force.
-        precision: Of sines and arctangents.
-    """
-    turns = [(drive.sine, drive.cosine) for drive in drives]
-    turns += [sine_cosine(hinge.angle, precision) for hinge in hinges]
-    rates = [drive.rate for drive in drives] + [hinge.rate for hinge in hinges]
-    motions = []
-    front = body_end(body, velocity)
-    for link, turn, rate in zip(links, turns, rates, strict=True):
-        motions.append(enter_link(front, turn, rate))
-        front = leave_link(motions[-1], link.length)
-
-    wrench = Wrench()
-    joints: tuple[Drive | Hinge, ...] = (*drives, *hinges)
-    last = len(links) - 1
-    kept: list[tuple[Real, ...]] = [()] * len(links)
-    for k in range(last, -1, -1):
-        kept[k] = gather_link(
-            wrench, links[k], motions[k], joints[k], turns[k], distributed=distributed, last=k == last
-        )
-
-    thrust = wrench.thrust_e
-    change, ahead = accelerate_body(body, wrench, velocity, free=free, precision=precision)
-    accelerations: list[Real] = []
-    power: Real = 0.0
-    for k, link in enumerate(links):
-        drive = drives[k] if k < len(drives) else None
-        ahead, value = accelerate_link(ahead, link, turns[k], motions[k][2], kept[k], drive)
-        if drive:
-            power = power + value
-        else:
-            accelerations.append(value)
-    return Response(*change, tuple(accelerations), thrust, power)
 
 
 def body_end(body: LaneBody, velocity: Motion) -> Motion:

@@ -5,8 +5,7 @@ the lanes, one fish each, inside a loop over time. Everything that the inner loo
 offsets written as literals: with that and a literal trip count the compiler packs the lanes into vector registers; with
 two-dimensional arrays or a variable count it does not.
 
-A short chain's step is one such loop, with no loop over the links (this file). A long chain's is several, most of them
-inside a loop over the links (`rolled`).
+A step is several such loops, most of them inside a loop over the links (`loops`).
 """
 
 from __future__ import annotations
@@ -22,32 +21,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from fin_sim.batch.equations import respond
-from fin_sim.batch.rolled import rolled_code
-from fin_sim.batch.step import (
-    UNIFORM,
-    Code,
-    Form,
-    Uniform,
-    drive_at,
-    lane_loop,
-    link_at,
-    move_body,
-    move_hinge,
-    predicted_hinge,
-    predicted_velocity,
-    sum_means,
-    table_names,
-)
-from fin_sim.batch.tracing import Number, Real, Tape
+from fin_sim.batch.loops import code_of
+from fin_sim.batch.step import UNIFORM, Form, table_names
 
 if TYPE_CHECKING:
     from collections import Counter
     from collections.abc import Callable
-
-LONGEST_STRAIGHT_CHAIN = 7
-"""Links up to which the code has no loop over them: beyond, that is no faster and takes longer to compile. Fish with
-gaits of their own, and fins with a profile, swim by code with loops whatever their length: one compilation for all."""
 
 
 @dataclass(frozen=True)
@@ -73,85 +52,10 @@ class LaneKernel:
     source: str
 
 
-class _Slots:
-    """Places of the lanes' numbers in the flat array, in the order in which they are first named."""
-
-    def __init__(self, lanes: int) -> None:
-        self.tape, self._lanes = Tape(), lanes
-        self.index: dict[str, int] = {}
-        self.written: dict[str, Real] = {}
-
-    def place(self, name: str, link: int | None = None) -> str:
-        """Return the expression for a number of lane i."""
-        key = name if link is None else f"{name}_{link}"
-        return f"work[{self.index.setdefault(key, len(self.index)) * self._lanes} + i]"
-
-    def read(self, name: str, link: int | None = None) -> Number:
-        """Return the number as it was before the step."""
-        return self.tape.load(self.place(name, link))
-
-    def write(self, name: str, value: Real, link: int | None = None) -> None:
-        """Give the number a new value at the end of the step."""
-        self.written[self.place(name, link)] = value
-
-
-def _trace_step(form: Form, slots: _Slots) -> None:
-    """Record one step of one fish."""
-    links = [link_at(form, slots, index) for index in range(form.links)]
-    uniform = Uniform.load(form, slots.tape)
-    passive = range(form.driven, form.links)
-    drives = [drive_at(form, slots, joint) for joint in range(form.driven)]
-    hinges = [predicted_hinge(slots, joint, uniform.step) for joint in passive]
-    response = respond(
-        uniform.body,
-        links,
-        drives,
-        [hinge for hinge, _ in hinges],
-        predicted_velocity(uniform, slots),
-        free=form.free,
-        distributed=form.distributed,
-        precision=form.degrees,
-    )
-    largest: Real = slots.read("largest_angle")
-    for joint, (_, known), acceleration in zip(passive, hinges, response.hinges, strict=True):
-        largest = move_hinge(slots, joint, uniform.step, known, acceleration, largest)
-    slots.write("largest_angle", largest)
-    move_body(uniform, slots, (response.surge, response.sway, response.yaw))
-    sum_means(uniform, slots, response.thrust, response.power)
-
-
-def _straight_code(form: Form) -> Code:
-    """Return the code of a form without a loop over the links."""
-    slots, lanes = _Slots(form.lanes), form.lanes
-    _trace_step(form, slots)
-    constants = {"ZERO": 0.0}
-    step = slots.tape.lines(slots.written, constants)
-    results = [name for name in slots.index if slots.place(name) in slots.written]
-    parameters = [name for name in slots.index if name not in results]
-    gather, scatter = (
-        [
-            (f"chunk * {len(names) * lanes} + {column * lanes} + i", slots.place(name))
-            for column, name in enumerate(names)
-        ]
-        for names in (parameters, results)
-    )
-    return Code(
-        size=f"{len(slots.index) * lanes}",
-        gather=lane_loop(0, lanes, [f"{place} = parameters[{source}]" for source, place in gather]),
-        step=lane_loop(0, lanes, step),
-        scatter=lane_loop(0, lanes, [f"results[{target}] = {place}" for target, place in scatter]),
-        parameters=tuple(parameters),
-        results=tuple(results),
-        constants=constants,
-        operations=slots.tape.count(slots.written.values()),
-    )
-
-
 @cache
 def generate(form: Form) -> LaneKernel:
     """Return the code for a form, compiled when it is first called."""
-    rolled = form.links > form.driven and (form.links > LONGEST_STRAIGHT_CHAIN or form.own_gaits or form.pieces > 1)
-    code = rolled_code(form) if rolled else _straight_code(form)
+    code = code_of(form)
     table, real = table_names(form), "float64" if form.precision == "double" else "float32"
     lines = [
         '"""Generated by fin_sim.batch.kernel; see there."""',
@@ -174,7 +78,7 @@ def generate(form: Form) -> LaneKernel:
     return LaneKernel(_load(source).advance, code.parameters, tuple(table), code.results, code.operations, source)
 
 
-@cache  # a long chain's code is that of all of them
+@cache  # chains of all lengths have one code
 def _load(source: str) -> Any:
     """Return the module of generated code, from a file where that can be kept, so that its machine code is kept too."""
     name = "lanes_" + hashlib.sha256(source.encode()).hexdigest()[:16]

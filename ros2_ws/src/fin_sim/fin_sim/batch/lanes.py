@@ -126,7 +126,7 @@ def _figures(task: Task, left: Mapping[str, NDArray[np.float64]]) -> NDArray[np.
         y = left["y_sum"] + task.fish.water.current_y * task.duration
     else:
         x, y = nothing + speed * task.duration, nothing
-    largest = np.array([left[name] for name in left if name.startswith("largest_angle")]).max(axis=0)
+    largest = np.max([nothing, *(left[name] for name in left if name.startswith("largest_angle"))], axis=0)
     columns = {
         "mean_speed": np.hypot(x, y) / task.duration,
         "mean_forward_speed": left.get("surge_sum", nothing + speed),

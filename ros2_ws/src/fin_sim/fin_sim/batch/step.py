@@ -1,4 +1,4 @@
-"""One step of one fish, in pieces that both kinds of generated code are made of: straight and with loops over links.
+"""One step of one fish, in pieces that the generated code is made of.
 
 One step costs one evaluation of the equations, at the state predicted for its end:
 
@@ -91,6 +91,11 @@ class Form:
     current: bool = False
     own_gaits: bool = False
     pieces: int = 1
+
+    @property
+    def rigid(self) -> bool:
+        """Whether no link is passive."""
+        return self.links == self.driven
 
     @property
     def lanes(self) -> int:

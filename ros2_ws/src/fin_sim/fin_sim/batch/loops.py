@@ -1,9 +1,9 @@
-"""Generated code for long chains: a step is loops over the links, each around a loop over the lanes.
+"""The code of a step, as loops over the links, each around a loop over the lanes.
 
-Straight code for a chain of n links takes time and memory to compile that grow faster than n, and its numbers no longer
-fit the registers anyway. Here the same pieces of `equations` and `step` are recorded once for any link, and once each
-for the driven links with the body and for the last link with the tip's force. The code does not know how many links
-there are, so one compilation serves chains of every length.
+The pieces of `equations` and `step` are recorded once for any link, and once each for the driven links with the body
+and for the last link with the tip's force. The code does not know how many links there are, so one compilation serves
+chains of every length. A copy of it for each link takes time and memory to compile that grow faster than the chain, and
+chains of two to seven links swim no faster by it.
 
 A step goes five times along the chain, from record to record (a link's numbers in the flat array, ``_Layout``):
 
@@ -13,6 +13,8 @@ A step goes five times along the chain, from record to record (a link's numbers 
     inward   back to the first passive link: wrench and what `gather_link` keeps
     body     driven links and body: wrench, accelerations, new velocity and place
     forward  from the first passive link to the last: acceleration, new angle and rate
+
+A tail without a passive link has begin and body alone.
 """
 
 from __future__ import annotations
@@ -193,7 +195,7 @@ def _body(piece: _Piece) -> None:
     turns = [(drive.sine, drive.cosine) for drive in drives]
     links = [link_at(form, piece, joint) for joint in range(form.driven)]
     motions = [piece.motion(_MOTION, joint) for joint in range(form.driven)]
-    wrench = Wrench(*piece.read_all(_WRENCH, form.driven))
+    wrench = Wrench() if form.rigid else Wrench(*piece.read_all(_WRENCH, form.driven))
     kept: list[tuple[Real, ...]] = [()] * form.driven
     for joint in reversed(range(form.driven)):
         kept[joint] = gather_link(
@@ -203,7 +205,7 @@ def _body(piece: _Piece) -> None:
             drives[joint],
             turns[joint],
             distributed=form.distributed,
-            last=False,
+            last=joint == form.links - 1,
         )
     thrust = wrench.thrust_e
     power: Real = 0.0
@@ -212,7 +214,8 @@ def _body(piece: _Piece) -> None:
     for joint, drive in enumerate(drives):
         ahead, value = accelerate_link(ahead, links[joint], turns[joint], motions[joint][2], kept[joint], drive)
         power = power + value
-    piece.write_all(_AHEAD, ahead, form.driven - 1)
+    if not form.rigid:
+        piece.write_all(_AHEAD, ahead, form.driven - 1)
     move_body(uniform, piece, slopes)
     sum_means(uniform, piece, thrust, power)
 
@@ -233,8 +236,8 @@ def _forward(piece: _Piece) -> None:
     piece.write("largest_angle", move_hinge(piece, _HERE, step, known, acceleration, largest), _HERE)
 
 
-def rolled_code(form: Form) -> Code:
-    """Return the code of a form for any number of links with at least one passive joint."""
+def code_of(form: Form) -> Code:
+    """Return the code of a form: the same for any number of links beyond the driven ones."""
     layout, constants, operations = _Layout(form), {"ZERO": 0.0}, Counter[str]()
     passive = form.links - form.driven
 
@@ -246,17 +249,19 @@ def rolled_code(form: Form) -> Code:
         return piece.tape.lines(piece.written, constants)
 
     driven, lanes = form.driven, form.lanes
-    step = [
-        *lane_loop(0, lanes, lines("begin", _begin, 1, of_a_link=False)),
-        *layout.over(f"range({driven}, links)", lines("outward", _outward, passive)),
-        *layout.over("range(links - 1, links)", lines("tip", lambda piece: _inward(piece, last=True), 1)),
-        *layout.over(
-            f"range(links - 2, {driven - 1}, -1)",
-            lines("inward", lambda piece: _inward(piece, last=False), passive - 1),
-        ),
-        *lane_loop(0, lanes, lines("body", _body, 1, of_a_link=False)),
-        *layout.over(f"range({driven}, links)", lines("forward", _forward, passive)),
-    ]
+    step = lane_loop(0, lanes, lines("begin", _begin, 1, of_a_link=False))
+    if passive:
+        step += [
+            *layout.over(f"range({driven}, links)", lines("outward", _outward, passive)),
+            *layout.over("range(links - 1, links)", lines("tip", lambda piece: _inward(piece, last=True), 1)),
+            *layout.over(
+                f"range(links - 2, {driven - 1}, -1)",
+                lines("inward", lambda piece: _inward(piece, last=False), passive - 1),
+            ),
+        ]
+    step += lane_loop(0, lanes, lines("body", _body, 1, of_a_link=False))
+    if passive:
+        step += layout.over(f"range({driven}, links)", lines("forward", _forward, passive))
     here, count = layout.width, len(layout.parameters) * lanes
     gather = [
         "for link in range(links):",
