@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from fin_plant import checks
+from fin_servo_driver.lost_fish import LostFish
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -24,10 +25,6 @@ _NORM_TOLERANCE = 10e-3
 """Difference from 1 of a quaternion's norm that tf2 allows."""
 _CLOCK_SPAN = 1.0
 """s of receipts among which the youngest pose tells the clocks' offset: a busy computer delays some, not all."""
-_FIRST_MOVE = 0.5
-"""s after the start of a swim in which a resting fish may still be where it was: half a beat at 1 Hz."""
-_POSITION_EQUAL = 5.0
-"""Times `longest_equal` that the position alone may stay equal: a rounded one changes more seldom than the heading."""
 
 
 @dataclass(frozen=True)
@@ -137,14 +134,17 @@ class Track:
     """Follows one fish: a pose must be reachable from the one before.
 
     Attributes:
-        equal_for: s for which the newest poses have been equal to the last bit.
+        lost_fish: Whether it is seen.
     """
 
-    def __init__(self, limits: Limits, *, position_slack: float, heading_slack: float, longest_gap: float) -> None:
+    def __init__(
+        self, limits: Limits, *, coarsest: float, position_slack: float, heading_slack: float, longest_gap: float
+    ) -> None:
         """Begin without a pose.
 
         Args:
             limits: What a fish can do.
+            coarsest: m; the largest step of rounded positions in which a velocity is seen.
             position_slack: m that noise may add between two poses.
             heading_slack: The same for the heading, rad.
             longest_gap: s between two poses for which a fish may be followed; after a longer one no more is allowed.
@@ -152,34 +152,19 @@ class Track:
         self._limits = limits
         self._slack = position_slack, heading_slack
         self._longest_gap = longest_gap
-        self._swims: bool | None = None
-        self._swims_since = 0
+        self.lost_fish = LostFish(limits, coarsest)
         self.forget()
 
     def forget(self) -> None:
         """Begin anew with the next pose."""
         self._last: Pose | None = None
-        self._equal_since = self._place_since = 0
-        self.equal_for = 0.0
-
-    def plant_says(self, *, swims: bool, since: int) -> None:
-        """Take whether the fish is driven, and since when by the plant's clock in ns: a resting one may stand still."""
-        self._swims, self._swims_since = swims, since
+        self._stray: Pose | None = None
+        self.lost_fish.forget()
 
     @property
     def last(self) -> Pose | None:
         """The last pose that was not refused."""
         return self._last
-
-    @property
-    def equal_since(self) -> int:
-        """Stamp in ns of the first of the newest poses that are equal to the last bit."""
-        return self._equal_since
-
-    @property
-    def stands_still(self) -> bool:
-        """Whether poses are equal for longer than a camera's can be in a swim."""
-        return self.equal_for > self._limits.longest_equal
 
     def refusal(self, pose: Pose) -> Refusal | None:
         """Return why a pose cannot be the tracked fish's; take it if it can."""
@@ -190,14 +175,16 @@ class Track:
                 f"it is at ({pose.x:g}, {pose.y:g}) m, largest_position is {self._limits.largest_position:g} m: "
                 "are positions in m?",
             )
+        complaint = self.lost_fish.complaint(pose)
         if last is not None and (jump := self._jump(last, pose)):
             if pose.stamp - last.stamp < self._limits.jump_silence / _NANO:
+                self._stray = pose
                 return jump
-            self.forget()
+            self._last = None
+        if complaint:
+            return Refusal(*complaint)
         if self._last is None or pose.stamp > self._last.stamp:
-            if frozen := self._frozen(pose):
-                return frozen
-            self._last = pose
+            self._last, self._stray = pose, None
         return None
 
     def _jump(self, last: Pose, pose: Pose) -> Refusal | None:
@@ -205,56 +192,45 @@ class Track:
         followed = min(apart, self._longest_gap)
         if pose.frame != last.frame:
             return Refusal("jump", f"its frame is '{pose.frame}', that of the poses before was '{last.frame}'")
-        way = math.hypot(pose.x - last.x, pose.y - last.y)
-        turn = abs(math.remainder(pose.heading - last.heading, 2.0 * math.pi))
+        way, turn = _ways(last, pose)
         position_slack, heading_slack = self._slack
-        if way > self._limits.largest_speed * followed + position_slack:
-            return Refusal(
-                "jump",
-                f"it is {way:.3f} m from the one {apart:.3f} s before, largest_speed is {self._limits.largest_speed:g} "
-                "m/s: another object, or positions that are not in m?",
-            )
-        if turn > self._limits.largest_turn_rate * followed + heading_slack:
+        if self._is_stray(last, pose):
+            followed = 0.0
+        far = way - position_slack > self._limits.largest_speed * followed
+        turned = turn - heading_slack > self._limits.largest_turn_rate * followed
+        if turned and turn / heading_slack > way / position_slack:
             return Refusal(
                 "jump",
                 f"its heading differs by {math.degrees(turn):.0f} degrees from the one {apart:.3f} s before, "
                 f"largest_turn_rate is {self._limits.largest_turn_rate:g} rad/s: no fish turns so fast; head and tail "
                 "swapped?",
             )
-        return None
-
-    def _frozen(self, pose: Pose) -> Refusal | None:
-        last = self._last
-        if last is None or (pose.x, pose.y) != (last.x, last.y):
-            self._place_since = pose.stamp
-        if last is None or (pose.x, pose.y, pose.heading) != (last.x, last.y, last.heading):
-            self._equal_since = pose.stamp
-        self.equal_for = (pose.stamp - self._equal_since) * _NANO
-        if self.stands_still and not self._may_stand(pose.stamp, self._equal_since, self._limits.longest_equal):
-            return Refusal("equal", f"{self.standstill()}; longest_equal is {self._limits.longest_equal:g} s in a swim")
-        longest = _POSITION_EQUAL * self._limits.longest_equal
-        if not self._may_stand(pose.stamp, self._place_since, longest):
-            still = (pose.stamp - self._place_since) * _NANO
+        if far or turned:
             return Refusal(
-                "equal", f"positions have been equal to the last bit for {still:.2f} s, {longest:g} s may be"
+                "jump",
+                f"it is {way:.3f} m from the one {apart:.3f} s before, largest_speed is {self._limits.largest_speed:g} "
+                "m/s: another object, or positions that are not in m?",
             )
         return None
 
-    def standstill(self) -> str:
-        """Return what is known of poses that are equal to the last bit."""
-        return (
-            f"poses have been equal to the last bit for {self.equal_for:.2f} s: a tracker that has lost the fish and "
-            "repeats its last pose, or one that rounds"
-        )
+    def _is_stray(self, last: Pose, pose: Pose) -> bool:
+        """Whether a pose is nearer to the last one that jumped than to the fish.
 
-    def _may_stand(self, stamp: int, since: int, longest: float) -> bool:
-        """Whether poses may be equal from one stamp to another: a fish that nobody drives may lie still for ever."""
-        if self._swims is False:
-            return True
-        begin = since
-        if self._swims and since <= self._swims_since:
-            begin, longest = self._swims_since, max(longest, _FIRST_MOVE)
-        return (stamp - begin) * _NANO <= longest
+        It belongs to the same jump then: the time for which a jump lasts makes no way to where it went.
+        """
+        if self._stray is None or self._stray.frame != pose.frame:
+            return False
+        to_stray, to_last = (
+            sum(way / slack for way, slack in zip(_ways(one, pose), self._slack, strict=True))
+            for one in (self._stray, last)
+        )
+        return to_stray < to_last
+
+
+def _ways(one: Pose, other: Pose) -> tuple[float, float]:
+    """Return how far two poses are apart, in m and in rad."""
+    turn = abs(math.remainder(other.heading - one.heading, 2.0 * math.pi))
+    return math.hypot(other.x - one.x, other.y - one.y), turn
 
 
 def heading_of(quaternion: Sequence[float], limits: Limits) -> float | Refusal:

@@ -13,13 +13,13 @@ variable), and one with the poses' ranks as instrument (Durbin, Review of the In
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fin_plant import checks
+from fin_servo_driver.course import RULES, Course
 from fin_servo_driver.pose_checks import Clocks, Limits, Pose, Refusal, Track
 
 if TYPE_CHECKING:
@@ -40,9 +40,6 @@ _MAD_TO_SIGMA = 1.4826
 _OLD_IN_A_ROW = 10
 """Poses older than the window that, coming in a row, mean that the tracker's clock was set back."""
 _NANO = 1e-9
-_COURSE, _COURSE_ANGLE, _COURSE_SPEED = 2.0, math.radians(60.0), 0.01
-"""s, rad and m/s: a fish that moves faster, for so long, at more than that angle to its heading is not seen rightly.
-Two beats at 1 Hz average the tail's sway; turning fish slip by some ten degrees; below 1 cm/s any current moves it."""
 REASONS = (
     "not finite",
     "twice",
@@ -57,6 +54,8 @@ REASONS = (
     "jump",
     "equal",
     "several trackers",
+    "predicted",
+    "coarse",
     "impossible velocity",
 )
 _HARMLESS = ("twice", "outlier", "too old")
@@ -137,13 +136,15 @@ class VelocityEstimator:
         self._clocks = Clocks(settings.limits)
         self._track = Track(
             settings.limits,
+            coarsest=settings.position_floor,
             position_slack=_CEILING * settings.position_floor,
             heading_slack=_CEILING * settings.heading_floor,
             longest_gap=_LONGEST_GAP * settings.window,
         )
         self._stamps: list[int] = []
         self._poses: list[tuple[float, float, float]] = []
-        self._course: deque[Velocity] = deque()
+        self._courses = [Course(rule) for rule in RULES]
+        self._course_stamp: int | None = None
         self._old_in_a_row = 0
         self._last_stamp: int | None = None
 
@@ -155,13 +156,13 @@ class VelocityEstimator:
     @property
     def note(self) -> str:
         """What is remarkable of poses that are used, or empty."""
-        if not self._track.stands_still:
+        if not self._track.lost_fish.stands_still:
             return ""
-        return f"{self._track.standstill()}; taken for a fish at rest, and refused as soon as it is driven"
+        return f"{self._track.lost_fish.standstill()}; taken for a fish at rest, and refused as soon as it is driven"
 
     def plant_says(self, *, swims: bool, since: int) -> None:
         """Take whether the fish is driven, and since when by the plant's clock in ns; see `Track`."""
-        self._track.plant_says(swims=swims, since=since)
+        self._track.lost_fish.plant_says(swims=swims, since=since)
 
     def add(
         self, stamp: int, x: float, y: float, heading: float, *, now: int | None = None, frame: str = ""
@@ -218,7 +219,7 @@ class VelocityEstimator:
             return False
         if refusal := self._track.refusal(pose):
             if refusal.reason == "equal":
-                self._forget_after(self._track.equal_since)
+                self._forget_after(self._track.lost_fish.equal_since)
             self.refuse(refusal)
             return False
         self._stamps.insert(place, pose.stamp)
@@ -258,24 +259,13 @@ class VelocityEstimator:
 
     def _off_course(self, estimate: Velocity) -> str:
         """Return what is wrong with a fish that has moved sideways or backwards for long, or nothing."""
-        course = self._course
-        if course and not 0 < estimate.stamp - course[-1].stamp < self._window_ns:
-            course.clear()
-        course.append(estimate)
-        if estimate.stamp - course[0].stamp < _COURSE / _NANO:
-            return ""
-        forward = math.fsum(one.forward for one in course) / len(course)
-        left = math.fsum(one.left for one in course) / len(course)
-        while estimate.stamp - course[0].stamp >= _COURSE / _NANO:
-            course.popleft()
-        speed = math.hypot(forward, left)
-        if speed < _COURSE_SPEED or forward >= math.cos(_COURSE_ANGLE) * speed:
-            return ""
-        angle = math.degrees(math.atan2(left, forward))
-        return (
-            f"for {_COURSE:g} s the fish has moved at {speed:.3g} m/s, {angle:.0f} degrees to the left of where it "
-            "points: do the tracker's heading and axes (x forward, y left, z up) belong to its positions?"
-        )
+        last, self._course_stamp = self._course_stamp, estimate.stamp
+        complaints = []
+        for course in self._courses:
+            if last is not None and not 0 < estimate.stamp - last < self._window_ns:
+                course.clear()
+            complaints.append(course.add(estimate.stamp, estimate.forward, estimate.left, estimate.yaw_rate))
+        return next(filter(None, complaints), "")
 
     def _forget(self, before: int) -> None:
         while self._stamps and self._stamps[0] < before:
