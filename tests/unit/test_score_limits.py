@@ -239,3 +239,44 @@ def test_a_value_that_is_repeated_counts_from_the_start_to_the_end_of_the_swim(
         return
     with pytest.raises(ScoreError, match=rf"0\.001 m/s to the last bit for 0\.51 s from {first / 100:g} s into"):
         check_swim(stamps, speeds, ONE_SECOND, AT_ONCE)
+
+
+def swum(speed: np.ndarray, rate: int = 50) -> tuple[np.ndarray, np.ndarray]:
+    """Return the stamps from 1 s before a window of 10 s on, and a speed that a beat makes sway by 0.3 cm/s."""
+    times = np.arange(-rate, 11 * rate) / rate
+    swaying = np.interp(times, np.linspace(0.0, 10.0, speed.size), speed) + 0.003 * np.sin(4.0 * np.pi * times)
+    return at(*times), np.where(times < 0.0, 0.0, swaying)
+
+
+STEADY = np.full(101, 0.018)
+WALL = np.where(np.arange(101) < 65, 0.018, 0.0003)
+CARRIED = STEADY + np.where(abs(np.arange(101) - 50) < 5, 0.2, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "says"),
+    [
+        (WALL, r"rests from 7 s .* on, after 1\.8 cm/s"),
+        (CARRIED, r"moves at 1\d cm/s from [45] s .*1\.8 cm/s is its median"),
+        (-CARRIED, r"moves at -1\d cm/s"),
+    ],
+)
+def test_a_swim_that_something_stops_or_carries_has_no_score(speed: np.ndarray, says: str) -> None:
+    with pytest.raises(ScoreError, match=says):
+        check_swim(*swum(speed), Window(START, START + 10 * SECOND), Measurement())
+
+
+@pytest.mark.parametrize(
+    "speed",
+    [
+        STEADY,
+        -STEADY,
+        0.0 * STEADY,
+        0.3 * (1.0 - np.exp(-np.arange(101) / 20.0)),  # from rest, without settling
+        np.where(np.arange(101) < 10, 0.014, 0.001),  # a first stroke of a fin that does not swim
+        np.where(np.arange(101) < 50, 0.018, 0.008),
+        STEADY + np.where(abs(np.arange(101) - 50) < 5, 0.02, 0.0),
+    ],
+)
+def test_a_swim_that_only_changes_its_speed_has_one(speed: np.ndarray) -> None:
+    check_swim(*swum(speed), Window(START, START + 10 * SECOND), Measurement())
