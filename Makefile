@@ -1,6 +1,6 @@
 # Needs bash, flock (util-linux) and either ROS 2 Jazzy in /opt/ros/jazzy or a Python 3.11 to 3.13.
 SHELL := bash
-.SHELLFLAGS := -euo pipefail -c
+.SHELLFLAGS := -peuo pipefail -c
 .DEFAULT_GOAL := help
 
 environment := . scripts/environment.sh

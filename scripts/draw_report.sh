@@ -1,4 +1,4 @@
-#!/usr/bin/env bash
+#!/usr/bin/env -S bash -p
 # Draws docs/figures/report.png, the top of a study's report as Chromium shows it:
 #   make demo ARGS="study_folder:=runs/demo" && scripts/draw_report.sh runs/demo
 set -euo pipefail

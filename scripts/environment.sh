@@ -2,8 +2,8 @@
 # The environment of the workspace, for bash: . scripts/environment.sh
 # One place for ./run, the Makefile and the tests. Needs `make setup` once.
 
-# Without CDPATH, with which cd prints where it went.
-fin_root=$(CDPATH='' cd -- "$(dirname -- "${BASH_SOURCE[0]}")/.." && pwd)
+# Without CDPATH, with which cd prints where it went, and without what a shell of the user's calls cd and dirname.
+fin_root=$(CDPATH='' builtin cd -- "$(command dirname -- "${BASH_SOURCE[0]}")/.." && builtin pwd)
 if [[ ! -f "$fin_root/.venv/.mode" || ! -f "$fin_root/ros2_ws/install/setup.bash" ]]; then
     echo "environment.sh: error: the workspace is not set up: run 'make setup' in $fin_root" >&2
     return 1

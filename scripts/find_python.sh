@@ -1,4 +1,4 @@
-#!/usr/bin/env bash
+#!/usr/bin/env -S bash -p
 # Prints the path of a Python that can run the workspace without a ROS installation; exits 1 if there is none.
 # The pinned ROS wheels exist for 3.11 to 3.13; 3.12 is what ROS 2 Jazzy itself uses, so it comes first.
 set -euo pipefail

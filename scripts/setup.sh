@@ -1,4 +1,4 @@
-#!/usr/bin/env bash
+#!/usr/bin/env -S bash -p
 # Prepares everything: a virtual environment with pinned packages, and the workspace built into it.
 # Does nothing where nothing has changed, and may be called from several shells at once.
 set -euo pipefail

@@ -41,6 +41,13 @@ SETTINGS: dict[str, dict[str, str | None]] = {
     "matplotlib's": {"MPLBACKEND": "nonsense", "MATPLOTLIBRC": "{folder}/matplotlibrc", "MPLCONFIGDIR": "/proc"},
     "a dumb terminal": {"TERM": "dumb", "NO_COLOR": "1", "COLUMNS": "1"},
     "CDPATH": {"CDPATH": "/:.", "GREP_OPTIONS": "--color=always", "BASH_ENV": "/nowhere"},
+    "bash's functions and options": {
+        "BASH_FUNC_cd%%": "() {{ builtin cd /; echo there; }}",
+        "BASH_FUNC_dirname%%": "() {{ echo /nowhere; }}",
+        "BASH_FUNC_exec%%": "() {{ false; }}",
+        "BASH_FUNC_python%%": "() {{ false; }}",
+        "SHELLOPTS": "noglob:xtrace",
+    },
 }
 SWIM = (str(ROOT / "run"), "fin_sim", "swim", "--duration", "2", "--json")
 
