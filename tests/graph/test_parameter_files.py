@@ -1,8 +1,10 @@
-"""What `ros2 param dump` writes of a node starts the same node again."""
+"""What `ros2 param dump` writes starts the same node again; what ROS reads otherwise than people is refused."""
 
 from __future__ import annotations
 
 import contextlib
+import os
+import subprocess
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,6 +14,7 @@ from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_py
 
 from fin_plant import topics
 from support.plant_tester import PlantTester
+from support.processes import ROOT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -93,3 +96,29 @@ def test_a_dump_of_each_node_starts_it_again_with_the_same_values(
             assert client.dump(tmp_path / f"{name}_loaded.yaml") == first[name]
     with_empty_lists = {name for name, values in first.items() if [] in values.values()}
     assert with_empty_lists == {"simulator", "servo_driver", "rehearsal", "optimizer"}
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("-p", "fin.segments:=010"), "simulator: error: fin.segments: 010 is read as octal"),
+        (("-p", "fin.segments:=1_0"), "simulator: error: fin.segments must be a number, got '1_0'"),
+        (("--params-file", "twice.yaml"), "twice.yaml: line 4: key fin.length stands twice, first in line 3"),
+    ],
+)
+def test_a_parameter_that_ros_reads_otherwise_is_refused(
+    words: tuple[str, str], says: str, ros_domain: int, tmp_path: Path
+) -> None:
+    twice = "/**:\n  ros__parameters:\n    fin.length: 0.08\n    fin.length: 0.09\n"
+    (tmp_path / "twice.yaml").write_text(twice, encoding="utf-8")
+    result = subprocess.run(
+        (str(ROOT / "run"), "fin_sim", "simulator", "--ros-args", *words),
+        cwd=tmp_path,
+        env=os.environ | {"ROS_DOMAIN_ID": str(ros_domain)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 2
+    assert says in result.stderr
+    assert "Traceback" not in result.stderr

@@ -22,6 +22,8 @@ BAD: dict[str, Callable[[Path], object]] = {
     "a list": lambda path: path.write_text("[1, 2]\n"),
     "a number": lambda path: path.write_text("5\n"),
     "a folder": lambda path: path.mkdir(),
+    "endless": lambda path: path.symlink_to("/dev/zero"),
+    "huge": lambda path: path.write_bytes(b"a: [" + 4_000_000 * b"1,"),
 }
 # By command: the module of its main function, and its words; FILE is the one that is none.
 COMMANDS = {

@@ -9,7 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from fin_plant.checks import describe_range
+from fin_plant.checks import describe_range, read_number
 from fin_plant.topics import NAMESPACE
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def as_typed(kind: str, value: object) -> object:
     if kind not in _NUMBERS or isinstance(value, bool) or not isinstance(value, int | float | str):
         return value
     try:
-        number = float(value)
+        number = read_number(value) if isinstance(value, str) else float(value)
     except ValueError:
         return value
     if kind == "double":

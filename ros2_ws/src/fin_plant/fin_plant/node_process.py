@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 from fin_plant import ros_environment, start
 from fin_plant.command import EXIT_FAILURE, EXIT_OK, EXIT_USAGE, program, tell_error
 from fin_plant.output import go_on_when_output_closes
+from fin_plant.ros_arguments import refuse_doubtful
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -133,6 +134,7 @@ def run(make: Callable[[], Runnable], args: list[str] | None = None) -> int:
     with contextlib.ExitStack() as last:
         last.callback(rclpy.try_shutdown)
         try:
+            refuse_doubtful(sys.argv if args is None else args)
             with starting_ros(args):
                 runnable = make()
         except ValueError as error:

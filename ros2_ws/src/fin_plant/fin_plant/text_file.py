@@ -10,14 +10,33 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+LARGEST = 100_000_000
+"""Bytes. A swim of an hour at 500 Hz is as large."""
+
+
+def read_bytes(path: Path) -> bytes:
+    """Return the bytes of a file, at most `LARGEST`.
+
+    Raises:
+        ValueError: It is larger, or has no end, as a device.
+        OSError: It cannot be read.
+    """
+    with path.open("rb") as file:
+        data = file.read(LARGEST + 1)
+    if len(data) > LARGEST:
+        msg = f"it holds more than {LARGEST / 1e6:g} MB, which no text of a laboratory does: is it another file?"
+        raise ValueError(msg)
+    return data
+
+
 def read(path: Path) -> str:
     """Return what a file in UTF-8 holds, a byte order mark left out.
 
     Raises:
-        ValueError: It is no text in UTF-8; the message names the line.
+        ValueError: It is no text in UTF-8, with its line in the message, or too large.
         OSError: It cannot be read.
     """
-    data = path.read_bytes()
+    data = read_bytes(path)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

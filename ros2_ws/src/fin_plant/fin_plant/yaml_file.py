@@ -16,6 +16,8 @@ from fin_plant import text_file
 if TYPE_CHECKING:
     from pathlib import Path
 
+LARGEST = 2_000_000
+"""Letters of a YAML text: PyYAML takes some ten seconds for them."""
 _TAG = "tag:yaml.org,2002:"
 # What a number may look like that one reader takes for another number than the next.
 _OTHER_BASES = re.compile(r"[-+]?0[0-9]+|[-+]?0[obOB][0-9]+")
@@ -89,9 +91,12 @@ def parse(text: str) -> object:
     """Return what a YAML text says.
 
     Raises:
-        ValueError: It is no YAML, is empty, holds several documents, or something in it can be read in two ways; the
-            message names the line, and the key.
+        ValueError: It is no YAML, is empty or too large, holds several documents, or something in it can be read in two
+            ways; the message names the line, and the key.
     """
+    if len(text) > LARGEST:
+        msg = f"it holds {len(text) / 1e6:.3g} million letters, more than {LARGEST / 1e6:g}: is it another file?"
+        raise ValueError(msg)
     try:
         content = yaml.load(text.removeprefix("\ufeff"), _Loader)  # noqa: S506  (a SafeLoader)
     except yaml.MarkedYAMLError as error:

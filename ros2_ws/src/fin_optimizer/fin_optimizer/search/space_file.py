@@ -73,7 +73,7 @@ def read_content(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
         OSError: A file cannot be read.
         ValueError: It is no space.
     """
-    files = {SPACE_FILE: path.read_bytes()}
+    files = {SPACE_FILE: text_file.read_bytes(path)}
     content = yaml_file.read(path)
     if not isinstance(content, dict) or not set(content) <= set(_SECTIONS):
         unknown = sorted(set(content) - set(_SECTIONS)) if isinstance(content, dict) else []
@@ -86,7 +86,7 @@ def read_content(path: Path) -> tuple[dict[str, Any], dict[str, bytes]]:
             msg = f"stock = {stock!r} must be sheets, or the name of another .yaml file beside this one"
             raise ValueError(msg)
         try:
-            files[stock] = (path.parent / stock).read_bytes()
+            files[stock] = text_file.read_bytes(path.parent / stock)
             content["stock"] = yaml_file.read(path.parent / stock)
         except (OSError, ValueError) as error:
             msg = f"stock {stock} cannot be read: {getattr(error, 'strerror', None) or error}"
