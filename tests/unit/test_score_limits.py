@@ -256,14 +256,23 @@ CARRIED = STEADY + np.where(abs(np.arange(101) - 50) < 5, 0.2, 0.0)
 @pytest.mark.parametrize(
     ("speed", "says"),
     [
-        (WALL, r"rests from 7 s .* on, after 1\.8 cm/s"),
+        (WALL, r"rests from 7 s .* on, having swum at 1\.8 cm/s"),
         (CARRIED, r"moves at 1\d cm/s from [45] s .*1\.8 cm/s is its median"),
         (-CARRIED, r"moves at -1\d cm/s"),
+        (STEADY + np.where(abs(np.arange(101) - 50) < 10, 0.06, 0.0), r"moves at 7"),
     ],
 )
 def test_a_swim_that_something_stops_or_carries_has_no_score(speed: np.ndarray, says: str) -> None:
     with pytest.raises(ScoreError, match=says):
         check_swim(*swum(speed), Window(START, START + 10 * SECOND), Measurement())
+
+
+def test_a_swim_that_is_stopped_before_its_window_has_no_score() -> None:
+    window = Window(START + 4 * SECOND, START + 10 * SECOND)
+    speed = np.where(np.arange(101) < 38, 0.018, 0.0003)
+    with pytest.raises(ScoreError, match=r"rests from 4 s after the start of its gait on, having swum at 1\.8 cm/s"):
+        check_swim(*swum(speed), window, Measurement(settle=4.0, duration=6.0))
+    check_swim(*swum(speed), window, Measurement(settle=4.0, duration=6.0, largest_start_speed=0.01))
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ class LostFish:
             still = (stamp - max(since, self._swims_since)) * _NANO
             return "equal", (
                 f"{name} has been equal to the last bit for {still:.2f} s of a swim, {longest:g} s may be: does the "
-                "tracker measure it, in the axes x forward, y left, z up?"
+                "tracker see the fish, and measure it in the axes x forward, y left, z up?"
             )
         return None
 

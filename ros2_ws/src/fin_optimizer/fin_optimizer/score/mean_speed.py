@@ -34,9 +34,9 @@ REST = 0.5
 averaged out, and the gait has moved nothing yet."""
 _STOPPED = 3.0
 """Times the speed of rest that a fish has swum at that is stopped, by the tank's wall for example."""
-_CARRIED, _CARRIED_BY = 3.0, 0.02
+_CARRIED, _CARRIED_BY = 1.5, 0.015
 """Of the median and m/s: a block's mean that differs by more is not the fin's doing. Of 150 simulated fish with fins of
-0.03 to 10 GPa at 0.4 to 2.5 Hz, from rest, none was stopped or carried by these rules."""
+0.03 to 10 GPa at 0.4 to 2.5 Hz, from rest, none is stopped or carried by these rules."""
 _AT_THE_START = 0.05
 """s. Where there is no sample before a swim, the first two tell its start if the first is not later than this."""
 
@@ -52,8 +52,8 @@ _LIMITS = {
 _ENTRIES = {**_KEYS, **_LIMITS}
 _OF_OLDER_BAGS = {"largest_speed": FASTEST}
 """What was allowed before bags said it."""
-_FEWEST_BLOCKS = 3
-"""Fewer tell no median."""
+_FEWEST_BLOCKS, _FEWEST_AT_REST = 3, 2
+"""Fewer tell no median, and nothing of a fish that rests for good."""
 _MINIMUM_SAMPLES = 2  # an average over time needs an interval, a standard deviation two values
 
 
@@ -283,28 +283,32 @@ def _disturbed(
     stamps_ns: NDArray[np.int64], forward_speed: NDArray[np.float64], window: Window, measurement: Measurement
 ) -> str:
     """Return what a fish did that its fin does not do, or nothing: it came to rest for good, or moved in a burst."""
-    near = _near(stamps_ns, forward_speed, window, measurement.largest_speed)
-    means = _block_means(*near, window, measurement.block)
+    block, rest = measurement.block, measurement.largest_start_speed
+    start, length = measurement.start_of(window), round(block * NANOSECONDS)
+    early = (window.end_ns - start) % length  # ns before the first of the whole blocks that end with the window
+    if window.end_ns - start < length:
+        return ""
+    usable = _near(stamps_ns, forward_speed, Window(start, window.end_ns), measurement.largest_speed)
+    means = np.abs(_block_means(*usable, Window(start + early, window.end_ns), block))
+    moving = np.flatnonzero(means > rest)
+    since = int(moving[-1]) + 1 if moving.size else 0
+    if len(means) - since >= _FEWEST_AT_REST and means[:since].max(initial=0.0) >= _STOPPED * rest > 0.0:
+        fastest = 100.0 * means[:since].max()
+        return (
+            f"the fish rests from {early / NANOSECONDS + since * block:.3g} s after the start of its gait on, having "
+            f"swum at {fastest:.2g} cm/s: is it at the tank's wall?"
+        )
+    means = _block_means(*usable, window, block)
     if len(means) < _FEWEST_BLOCKS:
         return ""
-    rests = np.abs(means) <= measurement.largest_start_speed
-    swims = len(means) - int(np.argmin(rests[::-1])) if not rests.all() else 0  # blocks up to the last that moves
-    fastest = float(np.max(np.abs(means[:swims]), initial=0.0))
-    if len(means) - swims >= _MINIMUM_SAMPLES and fastest >= _STOPPED * measurement.largest_start_speed:
-        since = swims * measurement.block
-        return (
-            f"the fish rests from {since:.3g} s into the window on, after {100 * fastest:.2g} cm/s: is it at the "
-            "tank's wall?"
-        )
     median = float(np.median(means))
-    away = np.abs(means - median)
-    most = int(np.argmax(away))
-    if away[most] > _CARRIED * abs(median) + _CARRIED_BY:
-        return (
-            f"the fish moves at {100 * means[most]:.2g} cm/s from {most * measurement.block:.3g} s into the window on, "
-            f"for {measurement.block:.3g} s, and {100 * median:.2g} cm/s is its median: did somebody move it?"
-        )
-    return ""
+    most = int(np.argmax(np.abs(means - median)))
+    if abs(means[most] - median) <= _CARRIED * abs(median) + _CARRIED_BY:
+        return ""
+    return (
+        f"the fish moves at {100.0 * means[most]:.2g} cm/s from {most * block:.3g} s into the window on, for "
+        f"{block:.3g} s, and {100.0 * median:.2g} cm/s is its median: did somebody move it?"
+    )
 
 
 def recent_speed(stamps_ns: NDArray[np.int64], forward_speed: NDArray[np.float64]) -> float | None:
