@@ -6,19 +6,21 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 
+from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.calibration import errors as judged
+from fin_optimizer.calibration import recorded
 from fin_optimizer.calibration.cloud_prior import around
 from fin_optimizer.calibration.fish_file import fish_file, read_errors, read_fish
-from fin_optimizer.calibration.fit import Fit, fit, refit
+from fin_optimizer.calibration.fit import Fit, _Problem, fit, refit
 from fin_optimizer.calibration.model import Tank, model_of
 from fin_optimizer.calibration.prediction import predict
 from fin_optimizer.calibration.recorded import read_folder, read_swim_of_bag
-from fin_optimizer.calibration.settings import GAIN_LEFT, Settings, read_settings
+from fin_optimizer.calibration.settings import GAIN_LEFT, Fitted, Settings, read_settings
 from fin_optimizer.calibration.swims import Swim, SwimError, beat_frequency, read_csv, swim_of, usable
 from fin_optimizer.commands import calibrate as calibrate_command
 from fin_optimizer.commands import predict as predict_command
@@ -31,6 +33,8 @@ from fin_sim.swim import swim as simulated_swim
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+
+    from fin_optimizer.bags.reader import Bag
 
 DATA = Path(__file__).parents[2] / "tests" / "data"
 SWIMS = DATA / "tail_actuated_fish_swims"
@@ -95,7 +99,7 @@ def test_a_synthetic_fish_is_recovered_within_its_stated_errors() -> None:
     drag = found.names.index("body.drag_area")
     assert found.high[drag] / found.low[drag] < 1.5, "nine swims tell the drag area to a quarter"
     predicted = [judged.errors(swim, predict(Tank(found.model), swim)) for swim in swims]
-    assert float(np.median([each.speed for each in predicted])) < 0.02
+    assert float(np.median([each.speed for each in predicted if each.speed is not None])) < 0.02
 
 
 @pytest.mark.long
@@ -165,11 +169,61 @@ def test_what_is_fixed_is_not_fitted_and_what_cannot_be_told_is_said() -> None:
     assert "scale of all masses" in said
 
 
+def narrowed(name: str, low: float, high: float) -> Settings:
+    """Return `FEW` with other bounds of one parameter, and its prior between them."""
+
+    def of(each: Fitted) -> Fitted:
+        return replace(each, low=low, high=high, prior=math.sqrt(low * high)) if each.name == name else each
+
+    return replace(FEW, fitted=tuple(map(of, FEW.fitted)))
+
+
+def test_a_derivative_is_the_same_at_either_bound() -> None:
+    """A value does not pass its bound: a step across it would tell that the parameter changes nothing."""
+    swims = synthetic(FEW, hidden(FEW, RANDOM(3)), RANDOM(3))[:1]
+    place = [each.name for each in FEW.fitted].index("body.drag_area")
+    columns = []
+    for low, high, at in ((1e-4, 2e-3, 2e-3), (2e-3, 4e-2, 2e-3), (1e-4, 4e-2, 2e-3)):
+        settings = narrowed("body.drag_area", low, high)
+        problem = _Problem(swims, settings)
+        coordinates = np.array([each.coordinate(each.prior) for each in settings.fitted])
+        coordinates[place] = math.log(at)
+        columns.append(float(np.linalg.norm(problem.blocks(coordinates)[0][:, place])))
+    assert columns == pytest.approx([columns[-1]] * 3, rel=0.02)
+    assert columns[-1] > 1.0
+
+
+def test_errors_are_not_cut_off_at_a_bound_and_the_bound_is_named() -> None:
+    swims = synthetic(FEW, np.array([each.coordinate(each.prior) for each in FEW.fitted]), RANDOM(3))[::2]
+    found = fit(swims, narrowed("body.drag_area", 1e-5, 5e-4), starts=1)
+    place = found.names.index("body.drag_area")
+    assert found.values[place] == pytest.approx(5e-4, rel=0.01), "half of what is true"
+    assert found.high[place] / found.values[place] == pytest.approx(found.values[place] / found.low[place])
+    assert found.high[place] > 5.1e-4
+    assert "body.drag_area lies at its bound" in "\n".join(found.doubts)
+
+
+def test_a_belief_that_the_swims_contradict_makes_the_errors_hardly_smaller_and_is_named() -> None:
+    """The loss forgives it as an outlier: 7 spreads off, its curvature is (1 + 49)^-1.5, a 350th of its own."""
+    truth = np.array([each.coordinate(each.prior) for each in FEW.fitted])
+    swims = synthetic(FEW, truth, RANDOM(4))[::2]
+    wide = fit(swims, FEW, starts=1)
+    place = FEW.fitted.index(next(each for each in FEW.fitted if each.name == GAIN_LEFT))
+    error = float(wide.high[place] - wide.low[place]) / 2.0
+    believed = 1.0 - 8.0 * error
+    wrong = replace(FEW.fitted[place], prior=believed, spread=error)
+    narrow = replace(FEW, fitted=tuple(wrong if each.name == GAIN_LEFT else each for each in FEW.fitted))
+    found = fit(swims, narrow, starts=1)
+    assert abs(found.values[place] - believed) > 5.0 * error
+    assert (found.high[place] - found.low[place]) / 2.0 > 0.9 * error, "0.7 of it if the belief counted whole"
+    assert f"further than 3 spreads from their priors lie {GAIN_LEFT} (" in "\n".join(found.doubts)
+
+
 def test_the_fitted_fish_of_the_tree_predicts_the_measured_swims() -> None:
     tank = Tank(read_fish(FITTED))
     swims = [swim for swim in read_folder(SWIMS) if round(math.degrees(swim.amplitude)) == 30]
     told = [judged.errors(swim, predict(tank, swim)) for swim in swims]
-    assert float(np.median([each.speed for each in told])) < 0.06
+    assert float(np.median([each.speed for each in told if each.speed is not None])) < 0.06
     assert float(np.median([each.turning_rate for each in told if each.turning_rate is not None])) < 0.10
     assert float(np.median([each.position for each in told if each.position is not None])) < 0.012
 
@@ -212,6 +266,17 @@ def test_windows_of_the_errors_are_in_true_time() -> None:
     assert judged.errors(swim, replace(right, position=moved)).position == pytest.approx(0.005)
 
 
+def test_a_fish_that_does_not_move_has_no_relative_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(tmp_path, lambda rows: scaled(["v_forward"], 0.0)(without("x")(without("y")(rows))))
+    assert predict_command.main(["--fish", str(FITTED), "--swims", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["median"]["speed"] is None
+
+
+def test_nothing_that_a_prediction_is_judged_by_is_shown_to_it(capsys: pytest.CaptureFixture[str]) -> None:
+    assert predict_command.main(["--fish", str(FITTED), "--swims", str(SWIMS), "--given", "2.6"]) == 2
+    assert "--given = 2.6 s is outside the allowed range [0.3, 2.5] s" in capsys.readouterr().err
+
+
 def columns() -> list[list[str]]:
     return [line.split(",") for line in ONE.read_text(encoding="utf-8").split()]
 
@@ -252,6 +317,7 @@ DEGREES = 180.0 / math.pi
         (lambda rows: rows[:40] + rows[50:], "no sample for"),
         (lambda rows: rows[:40] + rows[39:], "t must rise"),
         (lambda rows: rows[:50], "needed are 4.5 s"),
+        (lambda rows: rows[:2], "it has one row"),
         (lambda rows: [*rows[:9], [*rows[9][:2], "nan", *rows[9][3:]], *rows[10:]], "line 10: v_forward = 'nan'"),
         (scaled(["heading"], DEGREES), "heading changes"),
         (scaled(["yaw_rate"], DEGREES), "degrees/s"),
@@ -290,6 +356,35 @@ def test_too_few_swims_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture
     written(tmp_path, lambda rows: rows)
     assert calibrate_command.main(["--swims", str(tmp_path)]) == 2
     assert "1 swim cannot tell a fish: needed are 3" in capsys.readouterr().err
+
+
+def test_too_few_swims_to_leave_any_out_are_refused_before_anything_is_fitted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("amplitude15_bias+0_run1.csv", "amplitude25_bias+0_run1.csv", "amplitude30_bias+30_run1.csv"):
+        (tmp_path / name).write_bytes((SWIMS / name).read_bytes())
+    out = tmp_path / "fitted.yaml"
+    assert calibrate_command.main(["--swims", str(tmp_path), "--leave-out", "bias", "--out", str(out)]) == 2
+    told = capsys.readouterr()
+    assert "1 swim would be left without amplitude15_bias+0_run1, amplitude25_bias+0_run1; needed are 3" in told.err
+    assert "start 1" not in told.out
+    assert not out.exists()
+
+
+def test_repeats_of_a_condition_are_left_out_together() -> None:
+    one, other = (read_csv(SWIMS / f"amplitude{amplitude}_bias+30_run1.csv") for amplitude in (15, 30))
+    third = read_csv(SWIMS / "amplitude25_bias+30_run1.csv")
+    swims = [one, other, replace(one, name="again"), third, replace(third, name="once more")]
+    keys = calibrate_command._left_out("condition", swims)
+    assert keys[0] == keys[2] == f"{one.name}, again"
+    assert len(set(keys)) == 3
+
+
+def test_swims_of_several_beats_are_no_calibration() -> None:
+    swims = [replace(read_csv(ONE), name=f"{beat:g}", frequency=beat) for beat in (0.9, 0.9, 1.4)]
+    with pytest.raises(SwimError, match=r"1\.4: .* at 1\.40 Hz, in the swims of its bias at 0\.90 Hz"):
+        usable(swims, 0.0)
+    assert len(usable([replace(swim, frequency_commanded=True) for swim in swims], 0.0)[0]) == 3
 
 
 def test_a_folder_without_swims_is_refused(tmp_path: Path) -> None:
@@ -368,6 +463,38 @@ def test_a_bag_of_a_trial_is_a_swim() -> None:
         usable([swim], 0.0)
 
 
+@pytest.mark.parametrize(
+    ("topic", "change", "said"),
+    [
+        (
+            "velocity",
+            lambda rows: [(at, spoilt(each) if n == 99 else each) for n, (at, each) in enumerate(rows)],
+            "finite",
+        ),
+        ("pose", lambda rows: rows[: len(rows) // 2] + rows[-1:], "no pose for"),
+    ],
+)
+def test_a_bag_with_wrong_or_missing_numbers_is_no_swim(
+    topic: str, change: Callable[[list[Any]], list[Any]], said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = min((DATA / "study_2026_11" / "bags").iterdir())
+    bag = read_bag(path)
+    read = type(bag).decoded
+
+    def decoded(self: Bag, name: str, kind: str) -> list[Any]:
+        rows = list(read(self, name, kind))
+        return change(rows) if name == topic else rows
+
+    monkeypatch.setattr(type(bag), "decoded", decoded)
+    with pytest.raises(SwimError, match=said):
+        recorded.read_swim_of_bag(path)
+
+
+def spoilt(message: Any) -> Any:
+    message.twist.linear.x = math.nan
+    return message
+
+
 def test_the_swims_of_a_study_are_its_bags_and_not_its_table() -> None:
     study = DATA / "study_2026_11"
     assert (study / "trials.csv").exists()
@@ -402,6 +529,7 @@ def test_a_flexible_fin_is_bent_where_a_record_begins() -> None:
     fish = np.array([each.coordinate(each.prior) for each in settings.fitted])
     tank = Tank(model_of(settings, fish, (bias,), (0.9,)))
     found = judged.errors(recorded, predict(tank, recorded))
+    assert found.speed is not None
     assert found.speed < 0.01, "0.03 with a fin that is straight where the record begins"
     assert found.turning_rate is not None
     assert found.turning_rate < 0.05, "0.14"
@@ -411,11 +539,38 @@ def test_a_cloud_is_drawn_around_a_calibrated_fish_as_wide_as_its_errors() -> No
     known = around(FITTED)
     widths = dict(zip(plausible.WIDTHS, known["prior"].widths, strict=True))
     assert known["fish"].body.mass == 0.725
-    assert widths["drag_area"] == pytest.approx(0.5 * math.log(0.000596 / 0.000338), rel=1e-3)
+    assert widths["drag_area"] == pytest.approx(0.5 * math.log(0.000675 / 0.000285), rel=1e-3)
     assert widths["yaw_drag"] == plausible.WIDTHS["yaw_drag"], "no wider than without a calibration"
-    assert (widths["amplitude"], known["prior"].servo_lag) == (0.03, 0.0)
-    assert known["prior"].amplitude == pytest.approx(1.22406)
+    assert widths["amplitude"] == plausible.WIDTHS["amplitude"], "known to 0.13 of 1.22: no better than any servo's"
+    assert (widths["servo_lag"], known["prior"].servo_lag) == (0.0, 0.0), "the amplitude factor holds it"
+    assert known["prior"].amplitude == pytest.approx(1.22, abs=0.01)
     assert known["prior"].stiffness_width == plausible.STIFFNESS_WIDTH, "a rigid tail tells nothing of sheets"
+
+
+KNOTS = "drive.knots: [0.0]\n    drive.amplitude_factor: [{}]\n    drive.frequency: [{}]"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("drive.knots: 3.0", "drive.knots = 3.0 must be a list"),
+        (
+            "drive.knots: [0.0]\n    drive.amplitude_factor: [-1.0]\n    drive.frequency: [1.0]",
+            "factor = -1 is outside",
+        ),
+        (
+            "drive.knots: [0.0]\n    drive.amplitude_factor: [1.0]\n    drive.frequency: [-1.0]",
+            "frequency = -1 is outside",
+        ),
+        ("tracker.ahed: 0.1", "no parameter tracker.ahed"),
+    ],
+)
+def test_a_drive_that_cannot_be_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "fish.yaml"
+    path.write_text(f"/**:\n  ros__parameters: {{}}\ncalibration:\n  ros__parameters:\n    {text}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=said) as caught:
+        read_fish(path)
+    assert str(path) in str(caught.value)
 
 
 def test_the_beat_is_found_at_uneven_intervals() -> None:

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from fin_optimizer.calibration.fish_file import read_errors, read_fish
-from fin_optimizer.calibration.settings import STIFFNESS_FACTOR
+from fin_optimizer.calibration.settings import AMPLITUDE_FACTOR, STIFFNESS_FACTOR
 from fin_optimizer.search.plausible import STIFFNESS_WIDTH, WIDTHS, Prior
 from fin_sim.fish import Fish
 
@@ -24,11 +24,10 @@ _PARAMETERS = {
     "yaw_drag": "body.yaw_drag",
     "normal_drag": "water.normal_drag",
     "damping_time": "fin.damping_time",
+    "amplitude": AMPLITUDE_FACTOR,
 }
 _LEAST_WIDTH = 0.05
 """Of what was fitted: a model that is not quite the fish has errors larger than it states."""
-_FITTED_DRIVE = {"amplitude": 0.03, "servo_lag": 0.0}
-"""Where the drive was fitted: its amplitude factor holds the lag too."""
 
 
 def around(path: Path) -> Mapping[str, Any]:
@@ -49,7 +48,7 @@ def around(path: Path) -> Mapping[str, Any]:
         stiffness = min(stiffness, _width(errors[STIFFNESS_FACTOR]))
     lag = {}
     if _has_drive(model):
-        widths.update(_FITTED_DRIVE)
+        widths["servo_lag"] = 0.0  # the amplitude factor holds the lag too
         lag = {"servo_lag": 0.0}
     prior = Prior(tuple(widths.values()), stiffness, model.knots.at(0.0)[0], model.own[STIFFNESS_FACTOR], **lag)
     return {"fish": Fish.from_parameters(model.fish), "prior": prior}

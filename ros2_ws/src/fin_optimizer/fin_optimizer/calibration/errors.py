@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_optimizer.calibration.prediction import GIVEN
+from fin_optimizer.calibration.swims import LAST
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -16,8 +17,6 @@ if TYPE_CHECKING:
     from fin_optimizer.calibration.prediction import Prediction
     from fin_optimizer.calibration.swims import Swim
 
-LAST = 2.0
-"""s at a swim's end over which the forward speed is averaged."""
 AFTER = 3.0
 """s after the first second at which the position is compared."""
 _FORMATS = {"speed": (100.0, 1, "%"), "turning_rate": (100.0, 1, "%"), "position": (100.0, 2, " cm")}
@@ -31,13 +30,13 @@ class Errors:
     """How far a prediction is off.
 
     Attributes:
-        speed: Of the mean forward speed over the last 2 s, relative.
+        speed: Of the mean forward speed over the last 2 s, relative; None where the fish made no way in them.
         turning_rate: Of the mean turning rate from the end of what was given to the swim's end, relative; None for a
-            swim that was not asked to turn.
+            swim that was not asked to turn, or did not.
         position: m, at 4 s; None where no position was recorded, or where the swim is shorter.
     """
 
-    speed: float
+    speed: float | None
     turning_rate: float | None
     position: float | None
 
@@ -45,18 +44,21 @@ class Errors:
 def errors(swim: Swim, predicted: Prediction, given: float = GIVEN) -> Errors:
     """Return the errors of a prediction that was shown the first ``given`` s."""
     time, last = swim.time, swim.time >= swim.time[-1] - LAST
-    recorded = float(np.mean(swim.forward[last]))
-    speed = abs(float(np.mean(predicted.forward[last])) - recorded) / abs(recorded)
+    speed = _relative(float(np.mean(predicted.forward[last])), float(np.mean(swim.forward[last])))
     turning = None
     if swim.turns:
         rest = np.flatnonzero(time >= given)
         turned = [float(heading[rest[-1]] - heading[rest[0]]) for heading in (predicted.heading, swim.heading)]
-        turning = abs(turned[0] - turned[1]) / abs(turned[1])
+        turning = _relative(*turned)
     apart = None
     if swim.position is not None and time[-1] >= _FIRST + AFTER:
         at = int(np.argmin(np.abs(time - _FIRST - AFTER)))
         apart = math.dist(predicted.position[at], swim.position[at])
     return Errors(speed, turning, apart)
+
+
+def _relative(predicted: float, recorded: float) -> float | None:
+    return abs(predicted - recorded) / abs(recorded) if recorded else None
 
 
 def shown(kind: str, *values: float) -> str:

@@ -9,8 +9,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+
 from fin_optimizer.calibration.model import Knots, Model
-from fin_optimizer.calibration.settings import OWN
+from fin_optimizer.calibration.settings import AMPLITUDE_FACTOR, OWN
 from fin_plant import checks, text_file, yaml_file
 from fin_plant.fin import node_table
 
@@ -22,8 +24,10 @@ if TYPE_CHECKING:
     from fin_plant.parameters import Value
 
 _SIMULATOR, _OWN, _PARAMETERS = "/**", "calibration", "ros__parameters"
-_KNOTS = {"bias": "drive.knots", "amplitude_factor": "drive.amplitude_factor", "frequency": "drive.frequency"}
+_KNOTS = {"bias": "drive.knots", "amplitude_factor": AMPLITUDE_FACTOR, "frequency": "drive.frequency"}
+_KNOT_RANGES = {"bias": (-math.pi, math.pi), "amplitude_factor": (0.0, 10.0), "frequency": (0.0, 100.0)}
 _FITTED = "fitted."
+_FACTOR_ERROR = "drive.amplitude_factor_error"
 _ROOMS = ("body.", "water.", "fin.", "reactive")
 
 
@@ -53,6 +57,8 @@ def fish_file(found: Fit, swims: Sequence[str], command: str) -> str:
         for name, low, high in zip(found.names, found.low, found.high, strict=True)
     }
     model = found.model
+    factors = [place for place, name in enumerate(found.names) if name.startswith(AMPLITUDE_FACTOR)]
+    factor_errors = [0.5 * float(found.high[place] - found.low[place]) for place in factors]
     lines = [
         f"# Fitted to {checks.counted(len(swims), 'swim')} by: {command}",
         *(f"# Note: {doubt}." for doubt in found.doubts),
@@ -68,13 +74,13 @@ def fish_file(found: Fit, swims: Sequence[str], command: str) -> str:
         *(f"    {name}: {_text(value)}{errors.get(name, '')}" for name, value in model.own.items()),
         f"    {_KNOTS['bias']}: {_text(list(model.knots.bias))} # rad, commanded",
         f"    {_KNOTS['amplitude_factor']}: {_text(list(model.knots.amplitude_factor))} # at each of them",
+        *([f"    {_FACTOR_ERROR}: {_text(factor_errors)} # one standard error, the same"] if factors else []),
         f"    {_KNOTS['frequency']}: {_text(list(model.knots.frequency))} # Hz, the same",
         *(
             f"    {_FITTED}{name}: [{low:.3g}, {high:.3g}] # one standard error either way"
             for name, low, high in zip(found.names, found.low, found.high, strict=True)
-            if not name.startswith(_KNOTS["amplitude_factor"])
+            if not name.startswith(AMPLITUDE_FACTOR)
         ),
-        *(f"    # {name}{errors[name]}" for name in found.names if name.startswith(_KNOTS["amplitude_factor"])),
     ]
     return "\n".join(lines) + "\n"
 
@@ -93,31 +99,56 @@ def read_fish(path: Path) -> Model:
         table = node_table("fin_sim", "simulator")
         fish = table.checked(_parameters(content, _SIMULATOR))
         own = _parameters(content, _OWN)
+        known = (*OWN, *_KNOTS.values(), _FACTOR_ERROR)
+        if unknown := [name for name in own if name not in known and not name.startswith(_FITTED)]:
+            msg = f"{_OWN} has no parameter {unknown[0]}: there are {', '.join(known)}"
+            raise ValueError(msg)
         return Model(fish, {name: _number(own, name, none) for name, (none, _) in OWN.items()}, _knots(own))
 
 
 def read_errors(path: Path) -> dict[str, tuple[float, float]]:
     """Return low and high of what a file of `fish_file` says was fitted, by name; nothing of another file.
 
+    The amplitude factor is that without bias.
+
     Raises:
-        ValueError: One is no pair of numbers.
-        OSError: It cannot be read.
+        ValueError: It cannot be read, or one is no pair of numbers; the message names the file.
     """
-    content: Any = yaml_file.read(path)
     result = {}
-    for name, pair in _parameters(checks.mapping(str(path), content), _OWN).items():
-        if name.startswith(_FITTED):
-            if not isinstance(pair, list) or len(pair) != 2:  # noqa: PLR2004
-                msg = f"{path}: {name} = {pair!r} must be [low, high]"
+    with text_file.named(path):
+        content: Any = yaml_file.read(path)
+        own = _parameters(checks.mapping("it", content), _OWN)
+        if _FACTOR_ERROR in own:
+            knots, errors = _knots(own), _numbers(_FACTOR_ERROR, own[_FACTOR_ERROR], 0.0, math.inf)
+            if len(errors) != len(knots.bias):
+                msg = f"{_FACTOR_ERROR} must have an error for each of {_KNOTS['bias']}"
                 raise ValueError(msg)
-            low, high = (checks.number(f"{path}: {name}", each) for each in pair)
-            result[name.removeprefix(_FITTED)] = (low, high)
+            factor, error = knots.at(0.0)[0], float(np.interp(0.0, knots.bias, errors))
+            result[AMPLITUDE_FACTOR] = (factor - error, factor + error)
+        for name, pair in own.items():
+            if name.startswith(_FITTED):
+                result[name.removeprefix(_FITTED)] = _pair(name, pair)
     return result
+
+
+def _pair(name: str, given: object) -> tuple[float, float]:
+    numbers = _numbers(name, given, -math.inf, math.inf)
+    if len(numbers) != 2:  # noqa: PLR2004
+        msg = f"{name} = {given!r} must be [low, high]"
+        raise ValueError(msg)
+    return numbers[0], numbers[1]
 
 
 def _parameters(content: Mapping[str, Any], node: str) -> dict[str, Any]:
     entry = checks.mapping(node, content.get(node) or {})
     return checks.mapping(f"{_PARAMETERS} of {node}", entry.get(_PARAMETERS) or {})
+
+
+def _numbers(name: str, given: object, minimum: float, maximum: float) -> tuple[float, ...]:
+    if not isinstance(given, list):
+        msg = f"{name} = {given!r} must be a list of numbers"
+        raise ValueError(msg)
+    return tuple(checks.number(name, each, minimum, maximum) for each in given)
 
 
 def _number(own: Mapping[str, object], name: str, default: float) -> float:
@@ -128,13 +159,7 @@ def _knots(own: Mapping[str, object]) -> Knots:
     columns = {key: own.get(name) for key, name in _KNOTS.items()}
     if not any(columns.values()):
         return Knots((0.0,), (1.0,), (0.0,))
-    limits = {"bias": math.pi, "amplitude_factor": 10.0, "frequency": 100.0}
-    numbers = {
-        key: tuple(
-            checks.number(_KNOTS[key], each, -limits[key], limits[key]) for each in cast("list[float]", column or [])
-        )
-        for key, column in columns.items()
-    }
+    numbers = {key: _numbers(_KNOTS[key], column, *_KNOT_RANGES[key]) for key, column in columns.items()}
     if len({len(each) for each in numbers.values()}) != 1 or list(numbers["bias"]) != sorted(set(numbers["bias"])):
         msg = f"{', '.join(_KNOTS.values())} must be lists of one length, {_KNOTS['bias']} rising"
         raise ValueError(msg)

@@ -7,7 +7,8 @@ start's own least squares (Golub & Pereyra, SIAM Journal on Numerical Analysis 1
 column.
 
 Residuals of one swim belong together, so the errors come from the spread between swims (sandwich of Huber, clustered:
-Liang & Zeger, Biometrika 73, 1986), with what the prior leaves open added.
+Liang & Zeger, Biometrika 73, 1986), with what the prior leaves open added. The loss forgives a prior that the swims
+contradict as it forgives an outlier: such a prior makes the errors hardly smaller.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from scipy.optimize import least_squares
 from fin_optimizer.calibration.model import Tank, model_of
 from fin_optimizer.calibration.prediction import GIVEN, Start, differences
 from fin_optimizer.calibration.settings import AMPLITUDE_FACTOR, GAIN_LEFT, GAIN_RIGHT
+from fin_optimizer.calibration.swims import FEWEST_SWIMS
 from fin_plant import checks
 
 if TYPE_CHECKING:
@@ -36,18 +38,20 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-FEWEST_SWIMS = 3
 STARTS = 4
 """Fits from other places; the best counts."""
 _ROUNDS = 12
 _FIRST_ROUNDS = 5
-_REACH = 1e-3
+_REACH, _PART_OF_SPREAD = 1e-3, 0.05
+"""Step of a derivative by a coordinate, and the part of its spread and of its range that a step is at most."""
 _LOSS: Final = "soft_l1"
 # Independent values of a kind that one swim holds: its residuals are correlated over two or three seconds.
 _VALUES_OF_A_SWIM = 3.4
 _BEAT_NOISE = {"forward": 0.4}  # of a mean over a beat over that of a sample
 _FACTORS = (0.5, 1.5)
 _POORLY_KNOWN, _TOGETHER = 0.7, 0.9
+_FAR = 3.0
+"""Spreads from a prior beyond which the swims contradict it."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +62,8 @@ class Fit:
         model: The fish, its drive and its tracker.
         names: Of what was fitted; the amplitude factors at their biases last.
         values: Shape (P,).
-        low: Values one standard error below, (P,).
-        high: Values one standard error above, (P,).
+        low: Values one standard error below, (P,); beyond its bound where a parameter lies near it.
+        high: Values one standard error above, likewise, (P,).
         correlations: Of the errors, (P, P).
         cost: Half the robust sum of squares, the prior's included.
         doubts: What the data cannot tell, in sentences.
@@ -99,23 +103,35 @@ class _Whole:
         self.near = self.start.find(tank, self.near)
         return self.weighted(self.start.follow(tank, self.near))
 
-    def columns(self, tank: Tank, moved: Sequence[tuple[int, Tank]], count: int) -> Array:
-        """Return the derivatives by the coordinates, shape (R, count), of which only those in ``moved`` matter."""
-        near = self.start.find(tank, self.near) if self.near is None else self.near
+    def columns(self, tank: Tank, moved: Sequence[tuple[int, float, Tank]], count: int) -> Array:
+        """Return the derivatives by the coordinates, shape (R, count).
+
+        Args:
+            tank: Where they are taken.
+            moved: The coordinates that matter to this swim: place, step, and the tank after that step.
+            count: Of all coordinates.
+        """
+        near = self.start.find(tank) if self.near is None else self.near
         left = self.start.residuals(tank, near)
         by_start = self.start.jacobian(tank, near, left)
         answer = np.linalg.pinv(by_start)
         here = self.weighted(self.start.follow(tank, near))
         result = np.zeros((len(here), count))
-        for column, other in moved:
+        for column, step, other in moved:
             follow = near - answer @ (self.start.residuals(other, near) - left)
-            result[:, column] = (self.weighted(self.start.follow(other, follow)) - here) / _REACH
+            result[:, column] = (self.weighted(self.start.follow(other, follow)) - here) / step
         return result
 
 
-def _weight(left: Array) -> Array:
-    """Return how much each residual counts under the loss soft_l1: its derivative by the square."""
-    result: Array = (1.0 + left**2) ** -0.5
+def _loss_slope(left: Array) -> Array:
+    """Return the derivative of half the loss soft_l1, sqrt(1 + r^2) - 1, by each residual r."""
+    result: Array = left * (1.0 + left**2) ** -0.5
+    return result
+
+
+def _loss_curvature(left: Array) -> Array:
+    """Return the second derivative of half the loss soft_l1 by each residual: 1 of a small one, 0 of an outlier."""
+    result: Array = (1.0 + left**2) ** -1.5
     return result
 
 
@@ -136,6 +152,7 @@ class _Problem:
         self.spread: Array = np.array([each.spread for each in fitted] + [settings.factor_spread or 1.0] * factors)
         self.low: Array = np.array([each.coordinate(each.low) for each in fitted] + [_FACTORS[0]] * factors)
         self.high: Array = np.array([each.coordinate(each.high) for each in fitted] + [_FACTORS[1]] * factors)
+        self.step = np.minimum(_REACH, _PART_OF_SPREAD * np.minimum(self.spread, self.high - self.low))
         rough = np.zeros((max(factors - 1, 0), len(self.prior)))
         for row in range(len(rough)):
             rough[row, len(fitted) + row : len(fitted) + row + 2] = -1.0, 1.0
@@ -143,7 +160,7 @@ class _Problem:
 
     @staticmethod
     def _factor_name(bias: float) -> str:
-        return f"{AMPLITUDE_FACTOR}({math.degrees(bias):+.0f} deg)"
+        return f"{AMPLITUDE_FACTOR}({math.degrees(bias):+.4g} deg)"
 
     def model(self, coordinates: Array) -> Model:
         return model_of(self.settings, coordinates, self.biases, self.frequencies)
@@ -167,9 +184,11 @@ class _Problem:
         """Return each swim's derivatives, shape (R, P)."""
         count = len(coordinates)
         tank = Tank(self.model(coordinates))
-        others = [Tank(self.model(coordinates + _REACH * one)) for one in np.eye(count)]
+        # Towards the inside, since a value does not pass its bound.
+        steps = np.where(coordinates + self.step > self.high, -self.step, self.step).tolist()
+        moved = [(i, step, Tank(self.model(coordinates + step * np.eye(count)[i]))) for i, step in enumerate(steps)]
         return [
-            whole.columns(tank, [(i, other) for i, other in enumerate(others) if self._matters(i, whole.swim)], count)
+            whole.columns(tank, [each for each in moved if self._matters(each[0], whole.swim)], count)
             for whole in self.wholes
         ]
 
@@ -188,11 +207,11 @@ class _Problem:
         blocks = self.blocks(coordinates)
         for whole, block in zip(self.wholes, blocks, strict=True):
             left = whole.residuals(tank)
-            square += block.T @ (_weight(left)[:, None] * block)
-            slope = block.T @ (_weight(left) * left)
+            square += block.T @ (_loss_curvature(left)[:, None] * block)
+            slope = block.T @ _loss_slope(left)
             between += np.outer(slope, slope)
         count = len(blocks)
-        belief = self.belief.T @ self.belief
+        belief = self.belief.T @ (_loss_curvature(self._beliefs(coordinates))[:, None] * self.belief)
         bread = np.linalg.inv(square + belief)
         result: Array = bread @ (between * count / (count - 1) + belief) @ bread
         return result
@@ -200,11 +219,15 @@ class _Problem:
 
 def _doubts(problem: _Problem, coordinates: Array, deviations: Array, correlations: Array) -> list[str]:
     said = []
+    far = np.abs(coordinates - problem.prior) / problem.spread
+    if told := [f"{name} ({off:.1f})" for name, off in zip(problem.names, far.tolist(), strict=True) if off > _FAR]:
+        text = f"further than {_FAR:g} spreads from their priors lie {', '.join(told)}: either the priors are wrong"
+        said.append(f"{text}, or these stand for something that the model lacks")
     for index, each in enumerate(problem.settings.fitted):
         share = deviations[index] / each.spread
-        if share > _POORLY_KNOWN:
-            text = f"{each.name} is hardly told by these swims: it is still known to {share:.0%} of what was believed"
-            said.append(f"{text} before; measure it otherwise, or take it as assumed")
+        if share > _POORLY_KNOWN and far[index] <= _FAR:
+            text = f"{each.name} is hardly told by these swims: its error is {share:.0%} of the spread believed before"
+            said.append(f"{text}; measure it otherwise, or take it as assumed")
         at = coordinates[index]
         if min(at - problem.low[index], problem.high[index] - at) < 1e-3 * (problem.high[index] - problem.low[index]):
             said.append(f"{each.name} lies at its bound {each.value(float(at)):g}: widen the bounds, or fix it")
@@ -239,15 +262,7 @@ def fit(
     Raises:
         ValueError: Too few swims, nothing to fit, or numbers that the simulator refuses.
     """
-    if len(swims) < FEWEST_SWIMS:
-        given = checks.counted(len(swims), "swim")
-        needed = f"needed are {FEWEST_SWIMS}, better 9, of two amplitudes and biases to both sides"
-        msg = f"{given} cannot tell a fish: {needed}"
-        raise ValueError(msg)
-    problem = _Problem(swims, settings)
-    if not problem.names:
-        msg = "nothing is left to fit: every parameter is fixed"
-        raise ValueError(msg)
+    problem = _problem(swims, settings)
     random = np.random.default_rng(seed)
     found = []
     for number in range(starts):
@@ -261,13 +276,26 @@ def fit(
     return _concluded(problem, best, cost)
 
 
+def _problem(swims: Sequence[Swim], settings: Settings) -> _Problem:
+    if len(swims) < FEWEST_SWIMS:
+        given = checks.counted(len(swims), "swim")
+        needed = f"needed are {FEWEST_SWIMS}, better 9, of two amplitudes and biases to both sides"
+        msg = f"{given} cannot tell a fish: {needed}"
+        raise ValueError(msg)
+    problem = _Problem(swims, settings)
+    if not problem.names:
+        msg = "nothing is left to fit: every parameter is fixed"
+        raise ValueError(msg)
+    return problem
+
+
 def refit(swims: Sequence[Swim], settings: Settings, near: Fit) -> Fit:
     """Return the fish that fits other swims best, from one that is near: where swims are left out.
 
     Raises:
         ValueError: As for `fit`.
     """
-    problem = _Problem(swims, settings)
+    problem = _problem(swims, settings)
     known = dict(zip(near.names, near.values, strict=True))
     by_name = {each.name: each for each in settings.fitted}
     place = [
@@ -299,8 +327,8 @@ def _concluded(problem: _Problem, best: Array, cost: float) -> Fit:
     correlations = covariance / np.outer(deviations, deviations)
     fitted = problem.settings.fitted
     values, low, high = (
-        np.array([each.value(float(at)) for each, at in zip(fitted, place, strict=False)] + list(place[len(fitted) :]))
-        for place in (best, best - deviations, best + deviations)
+        np.array([each.unbounded(at) for each, at in zip(fitted, place, strict=False)] + place[len(fitted) :])
+        for place in (best.tolist(), (best - deviations).tolist(), (best + deviations).tolist())
     )
     doubts = tuple(_doubts(problem, best, deviations, correlations))
     return Fit(problem.model(best), problem.names, values, low, high, correlations, cost, doubts)

@@ -22,18 +22,21 @@ SHOWN = (1.0, 2.0)
 
 
 def predicted_without(
-    swims: Sequence[Swim], keys: Sequence[float | str], settings: Settings, found: Fit
-) -> Iterator[tuple[float | str, dict[float, list[Errors]]]]:
+    swims: Sequence[Swim], keys: Sequence[str], settings: Settings, found: Fit
+) -> Iterator[tuple[str, dict[float, list[Errors]]]]:
     """Yield, for each key, the errors of its swims as a fish predicts them that was fitted to all others.
 
     Args:
         swims: Recorded.
-        keys: Of each swim, two different ones or more.
+        keys: Of each swim; without those of any one key enough swims are left.
         settings: What is fitted.
         found: The fit to all, from which the others begin.
 
     Yields:
         The key; and its swims' errors by how much of each was shown, s.
+
+    Raises:
+        ValueError: As for `fit`.
     """
     for key in dict.fromkeys(keys):
         group = [swim for swim, own in zip(swims, keys, strict=True) if own == key]

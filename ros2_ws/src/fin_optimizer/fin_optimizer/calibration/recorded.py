@@ -9,7 +9,7 @@ import numpy as np
 from fin_optimizer.bags.files import bags_in
 from fin_optimizer.bags.messages import VELOCITY_TYPE, BagError
 from fin_optimizer.bags.reader import read_bag
-from fin_optimizer.calibration.swims import SwimError, read_csv, swim_of
+from fin_optimizer.calibration.swims import LONGEST_GAP, SwimError, read_csv, swim_of
 from fin_optimizer.score.mean_speed import ScoreError
 from fin_optimizer.score.swim import start_of_swim
 from fin_plant import yaml_file
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from fin_optimizer.bags.reader import Bag
     from fin_optimizer.calibration.swims import Swim
     from fin_plant.parameters import Value
+
+    Array = np.ndarray[Any, np.dtype[np.float64]]
 
 _POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 _GAIT_TYPE = "std_msgs/msg/Float64MultiArray"
@@ -89,6 +91,7 @@ def _swim_of(bag: Bag) -> Swim:
         raise SwimError(msg)
     every = max(1, round(NANOSECONDS / _RATE / float(np.median(np.diff(kept[:, 0])))))
     kept = kept[::every]
+    _check_poses(bag, kept[:, 0], poses[:, 0], float(gait[1]))
     heading = np.unwrap(poses[:, 3])
     x, y, turned = (np.interp(kept[:, 0], poses[:, 0], each) for each in (poses[:, 1], poses[:, 2], heading))
     columns = {
@@ -103,7 +106,16 @@ def _swim_of(bag: Bag) -> Swim:
     return swim_of(str(bag.name.name), float(gait[0]), float(gait[3]), columns, float(gait[1]), _fin(bag.metadata))
 
 
-def _stamped(bag: Bag, topic: str, kind: str, numbers: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _check_poses(bag: Bag, samples: Array, poses: Array, frequency: float) -> None:
+    """Refuse a bag whose poses, all by their stamps in ns, leave too long a part of a beat out."""
+    inside = poses[(poses > samples[0]) & (poses < samples[-1])]
+    gaps = np.diff(np.concatenate((samples[:1], inside, samples[-1:]))) / NANOSECONDS
+    if (longest := float(gaps.max())) * frequency > LONGEST_GAP:
+        msg = f"bag {bag.path} has no pose for {longest:.2f} s, more than {LONGEST_GAP:g} of a beat: swim it again"
+        raise SwimError(msg)
+
+
+def _stamped(bag: Bag, topic: str, kind: str, numbers: Any) -> Array:
     """Return stamp in ns and numbers of each message of a topic, in the order of the stamps."""
     rows = [
         (message.header.stamp.sec * NANOSECONDS + message.header.stamp.nanosec, *numbers(message))
@@ -113,6 +125,9 @@ def _stamped(bag: Bag, topic: str, kind: str, numbers: Any) -> np.ndarray[Any, n
         msg = f"bag {bag.path} has no messages of {topic}: a calibration needs velocity and pose"
         raise SwimError(msg)
     table = np.array(rows, dtype=np.float64)
+    if not np.isfinite(table).all():
+        msg = f"bag {bag.path} has numbers in {topic} that are not finite: leave it out, or swim it again"
+        raise SwimError(msg)
     return table[np.argsort(table[:, 0], kind="stable")]
 
 

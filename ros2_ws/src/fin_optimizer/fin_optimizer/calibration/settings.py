@@ -70,9 +70,12 @@ class Fitted:
         return math.log(value) if self.scale == "log" else value
 
     def value(self, coordinate: float) -> float:
-        """Return the value of a coordinate."""
-        raw = math.exp(coordinate) if self.scale == "log" else coordinate
-        return min(max(raw, self.low), self.high)
+        """Return the value of a coordinate, within the bounds."""
+        return min(max(self.unbounded(coordinate), self.low), self.high)
+
+    def unbounded(self, coordinate: float) -> float:
+        """Return the value of a coordinate, wherever it lies."""
+        return math.exp(coordinate) if self.scale == "log" else coordinate
 
 
 @dataclass(frozen=True)

@@ -33,12 +33,17 @@ LOST_SPEED = -0.02
 """Forward speed in m/s below which the camera had lost the fish, which never swims backwards."""
 SHORTEST = 4.5
 """s: one second to find the start from, three to predict, and what a beat leaves over."""
+FEWEST_SWIMS = 3
+"""Of which a fish can be learnt."""
+LAST = 2.0
+"""s at a swim's end over which its speed is judged."""
+LONGEST_GAP = 0.4
+"""Of a beat, without a sample."""
 _NAME = re.compile(r"amplitude(\d+(?:\.\d+)?)_bias([+-]?\d+(?:\.\d+)?)(?:_.*)?\.csv\Z")
 _FASTEST = 5.0  # m/s; no tail-fin fish of a tank swims as fast
 _WIDEST_YAW = 1.2  # rad, amplitude of a fish's own yaw
 _UNIT_RATIO = 15.0  # between quantities that ought to agree: above it the units differ
 _CLOCK_RATIO = 1.5
-_LONGEST_GAP = 0.4  # of a beat
 _FREQUENCIES = (0.3, 4.0)  # Hz, looked through
 _FREQUENCY_TOLERANCE = 0.2
 
@@ -78,6 +83,12 @@ class Swim:
     position: Array | None = None
     fin: Mapping[str, Value] = field(default_factory=dict)
     frequency_commanded: bool = False
+
+    @property
+    def condition(self) -> tuple[float | str, ...]:
+        """What was commanded, and the fin: the same for swims that are repeats of each other."""
+        beat = self.frequency if self.frequency_commanded else 0.0
+        return (round(self.amplitude, 6), round(self.bias, 6), round(beat, 6), repr(sorted(self.fin.items())))
 
     @property
     def turns(self) -> bool:
@@ -124,8 +135,10 @@ def _refuse(name: str, text: str) -> None:
 
 
 def _check_order(name: str, time: Array) -> None:
-    if len(time) < 2 or not np.all(np.diff(time) > 0.0):  # noqa: PLR2004
-        at = int(np.argmin(np.diff(time) > 0.0)) + 1 if len(time) > 1 else 0
+    if len(time) < 2:  # noqa: PLR2004
+        _refuse(name, "it has one row: record a whole swim")
+    if not np.all(np.diff(time) > 0.0):
+        at = int(np.argmin(np.diff(time) > 0.0)) + 1
         _refuse(name, f"t must rise from row to row, it does not at row {at + 1}: sort the rows, drop those told twice")
     interval = float(np.median(np.diff(time)))
     if interval > 1.0:
@@ -173,8 +186,8 @@ def check_swim(swim: Swim, stated_frequency: float) -> None:
 
     Args:
         swim: The swim.
-        stated_frequency: Tail beats that the laboratory asked for, Hz; 0 where it is not told. A swim that tells its
-            commanded beat itself is held to that.
+        stated_frequency: Tail beats that are expected, Hz; 0 where it is not told. A swim that tells its commanded
+            beat itself is held to that.
 
     Raises:
         SwimError: It cannot be used.
@@ -184,8 +197,8 @@ def check_swim(swim: Swim, stated_frequency: float) -> None:
     if abs(ratio - 1.0) > _FREQUENCY_TOLERANCE:
         _refuse(
             swim.name,
-            f"by its t the tail beats at {swim.frequency:.2f} Hz, stated are {stated:g} Hz: the time base is wrong by "
-            f"a factor of {ratio:.2f} (a camera's nominal picture rate in place of its clock?), or the stated beat is",
+            f"by its t the tail beats at {swim.frequency:.2f} Hz, expected are {stated:.3g} Hz: the time base is wrong "
+            f"by a factor of {ratio:.2f} (a camera's nominal rate in place of its clock?), or the expected beat is",
         )
     if swim.time[-1] < SHORTEST:
         _refuse(
@@ -193,10 +206,10 @@ def check_swim(swim: Swim, stated_frequency: float) -> None:
         )
     gaps = np.diff(swim.time)
     widest = int(np.argmax(gaps))
-    if gaps[widest] * (stated or swim.frequency) > _LONGEST_GAP:
+    if gaps[widest] * (stated or swim.frequency) > LONGEST_GAP:
         _refuse(
             swim.name,
-            f"no sample for {gaps[widest]:.2f} s after t = {swim.time[widest]:.2f} s, more than {_LONGEST_GAP:g} of a "
+            f"no sample for {gaps[widest]:.2f} s after t = {swim.time[widest]:.2f} s, more than {LONGEST_GAP:g} of a "
             "beat: keep the longer piece only, and give the other as a swim of its own",
         )
     _check_units(swim)
@@ -301,16 +314,30 @@ def _check_sides(swims: Sequence[Swim]) -> None:
         )
 
 
+def _check_beats(swims: Sequence[Swim]) -> None:
+    """Refuse a swim whose beat, found in its record, is another one than that of the others of its bias."""
+    found: dict[float, list[float]] = {}
+    for swim in swims:
+        if not swim.frequency_commanded:
+            found.setdefault(swim.bias, []).append(swim.frequency)
+    for swim in swims:
+        usual = swim.frequency if swim.frequency_commanded else float(np.median(found[swim.bias]))
+        if abs(swim.frequency / usual - 1.0) > _FREQUENCY_TOLERANCE:
+            text = f"by its t the tail beats at {swim.frequency:.2f} Hz, in the swims of its bias at {usual:.2f} Hz"
+            _refuse(swim.name, f"{text} (median): swims of several beats, or with wrong clocks, are no one calibration")
+
+
 def usable(swims: Sequence[Swim], stated_frequency: float) -> tuple[list[Swim], list[str]]:
     """Return the swims that can be used, and a sentence on each that lost the fish; refuse wrong units and clocks.
 
     Raises:
-        SwimError: A swim is in wrong units, of other signs or in another time base, or has a gap.
+        SwimError: A swim is in wrong units, of other signs, in another time base or of another beat, or has a gap.
     """
     kept, notes = [], []
     for swim in swims:
         check_swim(swim, stated_frequency)
     _check_sides(swims)
+    _check_beats(swims)
     for swim in swims:
         if float(np.min(swim.forward)) < LOST_SPEED:
             lost = f"{-np.min(swim.forward):.3f} m/s backwards"

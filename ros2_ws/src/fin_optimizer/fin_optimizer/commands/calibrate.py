@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from fin_optimizer.calibration.recorded import read_folder
 from fin_optimizer.calibration.settings import read_settings
-from fin_optimizer.calibration.swims import usable
+from fin_optimizer.calibration.swims import FEWEST_SWIMS, usable
 from fin_plant import checks, text_file
 from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from fin_optimizer.calibration.swims import Swim
 
 SETTINGS = "calibrate_tail_actuated_fish.yaml"
-GROUPS: dict[str, Callable[[Swim], float | str]] = {
+GROUPS: dict[str, Callable[[Swim], object]] = {
     "amplitude": lambda swim: round(swim.amplitude, 6),
     "bias": lambda swim: round(swim.bias, 6),
-    "condition": lambda swim: swim.name,
+    "condition": lambda swim: swim.condition,
 }
 
 
@@ -88,7 +88,8 @@ def _report(found: Fit) -> None:
     pairs = sorted(
         ((abs(together[i, j]), i, j) for i in range(len(names)) for j in range(i)), key=lambda pair: -pair[0]
     )
-    _say("strongest correlations of the errors:")
+    if pairs:
+        _say("strongest correlations of the errors:")
     for _, i, j in pairs[:5]:
         _say(f"  {together[i, j]:+.2f}  {names[j]}, {names[i]}")
     for doubt in found.doubts:
@@ -108,20 +109,34 @@ def _errors_line(title: str, all_errors: Sequence[Errors]) -> str:
     return f"{title}: {', '.join(parts)}"
 
 
-def _leave_out(kind: str, swims: Sequence[Swim], settings: Settings, found: Fit) -> None:
+def _left_out(kind: str, swims: Sequence[Swim]) -> list[str]:
+    """Return what each swim is left out with, in words.
+
+    Raises:
+        ValueError: Without one of them too few swims would be left to fit.
+    """
+    keys = [GROUPS[kind](swim) for swim in swims]
+    for key in dict.fromkeys(keys):
+        if (left := len(keys) - keys.count(key)) < FEWEST_SWIMS:
+            without = ", ".join(swim.name for swim, own in zip(swims, keys, strict=True) if own == key)
+            text = f"--leave-out {kind}: {checks.counted(left, 'swim')} would be left without {without}"
+            msg = f"{text}; needed are {FEWEST_SWIMS}: record more, or leave the option out"
+            raise ValueError(msg)
+    if kind == "condition":
+        names = {key: [s.name for s, own in zip(swims, keys, strict=True) if own == key] for key in keys}
+        return [", ".join(names[key]) for key in keys]
+    return [f"{cast('float', key):+.3g} rad" for key in keys]
+
+
+def _leave_out(kind: str, keys: Sequence[str], swims: Sequence[Swim], settings: Settings, found: Fit) -> None:
     from fin_optimizer.calibration.left_out import SHOWN, predicted_without  # noqa: PLC0415
 
-    keys = [GROUPS[kind](swim) for swim in swims]
-    if len(set(keys)) == 1:
-        msg = f"--leave-out {kind}: all swims are of one {kind}, nothing would be left"
-        raise ValueError(msg)
     everything: dict[float, list[Errors]] = {shown: [] for shown in SHOWN}
     _say(f"each {kind} predicted by a fish fitted without it; medians (90th percentiles) of its swims:")
     for key, known in predicted_without(swims, keys, settings, found):
-        told = f"{key:+.3g} rad" if isinstance(key, float) else key
         for shown, own in known.items():
             everything[shown].extend(own)
-            _say(_errors_line(f"  {told}, first {shown:g} s given", own))
+            _say(_errors_line(f"  {key}, first {shown:g} s given", own))
     for shown, own in everything.items():
         _say(_errors_line(f"  all, first {shown:g} s given", own))
 
@@ -149,6 +164,7 @@ def _run(given: argparse.Namespace, made_by: str) -> int:
         swims, notes = usable(read, settings.stated_frequency)
     for note in notes:
         _say(f"note: {note}")
+    keys = _left_out(given.leave_out, swims) if given.leave_out else []
     # Half a second, which bad input is not kept waiting for.
     from fin_optimizer.calibration.fish_file import fish_file  # noqa: PLC0415
     from fin_optimizer.calibration.fit import fit  # noqa: PLC0415
@@ -167,7 +183,7 @@ def _run(given: argparse.Namespace, made_by: str) -> int:
         failure = try_to_draw(given.page, lambda: draw_page(given.page, swims, predictions, GIVEN))
         _say(f"note: {failure}" if failure else f"wrote {given.page}")
     if given.leave_out:
-        _leave_out(given.leave_out, swims, settings, found)
+        _leave_out(given.leave_out, keys, swims, settings, found)
     return 0
 
 

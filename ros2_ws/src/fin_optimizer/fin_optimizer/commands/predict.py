@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.calibration.fish_file import read_fish
 from fin_optimizer.calibration.recorded import read_folder
-from fin_optimizer.calibration.swims import SHORTEST, usable
+from fin_optimizer.calibration.swims import LAST, SHORTEST, usable
 from fin_plant import checks, text_file
 from fin_plant.command import command
 from fin_plant.figures import check_picture, try_to_draw
@@ -62,7 +62,7 @@ def _run(given: argparse.Namespace) -> int:
     if given.page:
         check_picture(given.page)
         check_output(given.page)
-    shown = checks.number("--given", given.given, 0.3, SHORTEST - 1.0, unit="s")
+    shown = checks.number("--given", given.given, 0.3, SHORTEST - LAST, unit="s")  # none of what is judged by
     model = read_fish(given.fish)
     read = read_folder(given.swims)
     with text_file.named(given.swims):
