@@ -269,7 +269,7 @@ def test_centre_scale_direction_and_range_come_from_what_is_measured() -> None:
         ("= 1400 ", None),
         ("jump", "'jump' is no command"),
         ("=", "is no command"),
-        ("= abc", "could not convert"),
+        ("= abc", "'abc' is no number"),
         ("h", "must lie between"),
     ],
 )

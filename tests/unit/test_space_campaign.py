@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -205,8 +206,15 @@ def test_a_value_of_the_fin_is_read_with_its_unit() -> None:
     assert own_value("fin.thickness=1.2 mm") == ("fin.thickness", pytest.approx(1.2e-3))
     assert own_value("fin.segments=5") == ("fin.segments", 5)
     assert own_value("fin.hinges=between") == ("fin.hinges", "between")
-    with pytest.raises(ValueError, match=r"fin\.thickness"):
-        own_value("fin.thickness=1.2 m")
+    for text, told in {
+        "fin.thickness=1.2 m": "fin.thickness = 1.2 m is outside",
+        "fin.segments=0": "fin.segments = 0 is outside",
+        "fin.segments=x": "'x' is no number",
+        "fin.thickness": "fin.thickness = '' is no number with a unit",
+        "fin.thicknes=1 mm": "fin.thicknes is not a parameter: did you mean fin.thickness",
+    }.items():
+        with pytest.raises(ValueError, match=f"^--fin {re.escape(text)}: {re.escape(told)}"):
+            own_value(text)
 
 
 def test_every_name_that_a_space_can_have_is_a_column(tmp_path: Path) -> None:

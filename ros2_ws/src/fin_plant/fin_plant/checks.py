@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from argparse import ArgumentTypeError
 from typing import TYPE_CHECKING, SupportsFloat
 
 if TYPE_CHECKING:
@@ -19,26 +20,39 @@ def describe_range(minimum: float, maximum: float, unit: str = "", *, exclusive_
     return f"{opening}{minimum:g}, {maximum:g}{closing}{suffix}"
 
 
+class NumberError(ValueError, ArgumentTypeError):
+    """A text is no number: argparse says so in these words, and not by the name of a function."""
+
+
 def read_number(text: str) -> float:
     """Return the number that a text stands for; not what only Python takes for one: `1_000`, digits of other scripts.
 
+    Also a `type` of argparse.
+
     Raises:
-        ValueError: It is no number.
+        NumberError: It is no number.
     """
-    if not text.isascii() or "_" in text:
-        msg = f"could not convert {text!r} to a number: write its digits from 0 to 9, a point, an exponent, no more"
-        raise ValueError(msg)
-    return float(text)
+    try:
+        if text.isascii() and "_" not in text:
+            return float(text)
+    except ValueError:
+        pass
+    msg = f"{text!r} is no number: write its digits from 0 to 9, a point, an exponent, no more"
+    raise NumberError(msg)
 
 
 def read_whole_number(text: str) -> int:
     """Return the whole number that a text stands for, as `read_number` does.
 
     Raises:
-        ValueError: It is none.
+        NumberError: It is none.
     """
     read_number(text)
-    return int(text)
+    try:
+        return int(text)
+    except ValueError:
+        msg = f"{text!r} is no whole number: write its digits from 0 to 9, no more"
+        raise NumberError(msg) from None
 
 
 def number(

@@ -198,9 +198,16 @@ def _parser() -> argparse.ArgumentParser:
         "what", nargs="+", metavar="STUDY | NAME=VALUE", help=f"folder of a study, or sizes: {', '.join(_SHAPE)}"
     )
     parser.add_argument(
-        "--trial", type=int, action="append", default=[], metavar="N", help="of this trial, again for more"
+        "--trial",
+        type=checks.read_whole_number,
+        action="append",
+        default=[],
+        metavar="N",
+        help="of this trial, again for more",
     )
-    parser.add_argument("--best", type=int, default=1, metavar="N", help="the N fastest fins, 1 if left out")
+    parser.add_argument(
+        "--best", type=checks.read_whole_number, default=1, metavar="N", help="the N fastest fins, 1 if left out"
+    )
     parser.add_argument(
         "--out",
         type=given_path,
@@ -215,7 +222,9 @@ def _parser() -> argparse.ArgumentParser:
         metavar="LENGTH",
         help="of the tab beyond the root; 10 mm if left out",
     )
-    parser.add_argument("--holes", type=int, default=0, metavar="N", help="through the tab; none if left out")
+    parser.add_argument(
+        "--holes", type=checks.read_whole_number, default=0, metavar="N", help="through the tab; none if left out"
+    )
     parser.add_argument("--hole-diameter", default="3", metavar="LENGTH", help="3 mm if left out")
     parser.add_argument("--sheet", metavar="LxW", help="to cut from, along the fins first: 297x210")
     parser.add_argument("--gap", default=f"{_GAP:g}", metavar="LENGTH", help=f"around each; {_GAP:g} mm if left out")

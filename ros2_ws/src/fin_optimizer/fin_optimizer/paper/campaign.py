@@ -257,7 +257,7 @@ def _parser() -> argparse.ArgumentParser:
     add("--goal", action="append", metavar="MEASURE", help=f"what is good, one or several: {', '.join(SWUM)}")
     add("--constraint", action="append", metavar="TEXT", help="what must be met, for example 'power <= 0.5 W'")
     add("--fish", help=f"{DEFAULT_FISH}, or one of {', '.join(PRESETS)} (default: {DEFAULT_FISH})")
-    add("--fin", action="append", type=own_value, metavar="fin.NAME=VALUE", help="what its fin has otherwise")
+    add("--fin", action="append", metavar="fin.NAME=VALUE", help="what its fin has otherwise")
     add("--reactive", choices=REACTIVE_FORMS, help="form of Lighthill's force (default: the fish's)")
     add("--duration", type=checks.read_number, help="length of a swim from rest in s (default: 10)")
     add(
@@ -311,7 +311,7 @@ def _space_campaign_of(arguments: argparse.Namespace) -> SpaceCampaign | None:
         if one in given:
             given[several] = tuple(given.pop(one))
     if "fin" in given:
-        given["fin"] = tuple(given.pop("fin"))
+        given["fin"] = tuple(map(own_value, given["fin"]))
     if later:
         return replace(later_experiment(later[0]), **given)
     if "algorithm" not in given:

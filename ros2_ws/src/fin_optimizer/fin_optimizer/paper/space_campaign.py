@@ -170,13 +170,15 @@ def own_value(text: str) -> tuple[str, Any]:
     Raises:
         ValueError: It is none.
     """
-    name, _, value = text.partition("=")
-    entry = FIN_PARAMETERS.require(name.strip())
-    if entry.kind == "double":
-        return entry.name, in_range(entry.name, value.strip(), entry)
-    if entry.kind == "integer":
-        return entry.name, checks.whole_number(entry.name, checks.read_whole_number(value.strip()))
-    return entry.name, entry.check(value.strip())
+    name, _, value = (part.strip() for part in text.partition("="))
+    try:
+        entry = FIN_PARAMETERS.require(name)
+        if entry.kind == "double":
+            return name, in_range(name, value, entry)
+        return name, entry.check(checks.read_whole_number(value) if entry.kind == "integer" else value)
+    except ValueError as error:
+        msg = f"--fin {text}: {error}"
+        raise ValueError(msg) from None
 
 
 @cache
