@@ -103,6 +103,7 @@ def test_a_synthetic_fish_is_recovered_within_its_stated_errors() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1500)
 def test_stated_errors_cover_the_truth_of_fifty_synthetic_fish() -> None:
     apart = []
     for seed in range(50):

@@ -14,6 +14,7 @@ from fin_optimizer.commands import report
 from fin_optimizer.goals import Goals
 from fin_optimizer.paper.experiments import Campaign, Run
 from fin_optimizer.paper.space_campaign import SpaceCampaign, perform
+from fin_optimizer.report import space_campaign_page as pages
 from fin_optimizer.report.campaign_page import campaign_page
 from fin_optimizer.report.comparison_page import comparison_page, distinct
 from fin_optimizer.report.page import html_of
@@ -85,9 +86,22 @@ def test_a_study_for_another_goal_speaks_of_that_and_its_best_meets_the_constrai
     plots = [block for each in page.sections for block in each.blocks if isinstance(block, Plot)]
     assert plots[0].figure["layout"]["yaxis"]["title"]["text"] == "energy per metre (J/m)"
     so_far = next(trace for trace in plots[0].figure["data"] if trace["name"] == "best so far")
-    assert so_far["y"] == sorted(so_far["y"], reverse=True)
+    assert so_far["y"] == [3.0, 2.0, 1.0, 1.0], "0.5 J/m is too slow"
     assert section(page, "searched").title == "Energy per metre over what was searched"
     assert html_of(page)
+
+
+def test_the_fastest_fin_of_several_studies_is_so_whatever_each_looked_for() -> None:
+    trials = [
+        replace(each, measured={"mean_speed": speed, "energy_per_metre": cost})
+        for each, speed, cost in zip(scored(2), [0.05, 0.02], [3.0, 1.0], strict=True)
+    ]
+    cheap = StudyFacts("cheap", Settings(SPACE, details=DETAILS, goals=Goals.of(["energy_per_metre"])), trials)
+    fast = StudyFacts("fast", Settings(SPACE, details=DETAILS), [replace(trials[1], measured={"mean_speed": 0.04})])
+    page = comparison_page([cheap, fast])
+    assert page.lead[0] == "cheap found the fastest fin: 5.000 cm/s."
+    assert "by its own goals" in page.lead[1]
+    assert page.facts.entries[0] == ("cheap", "5.000 cm/s")
 
 
 # -- a campaign --------------------------------------------------------------------------------------------------------
@@ -138,6 +152,23 @@ def test_a_campaign_over_a_space_is_a_page_like_a_studys_with_its_runs() -> None
     )
     assert any(isinstance(block, Film) for block in section(page, "best").blocks)
     assert html_of(page)
+
+
+def test_a_campaign_of_many_swims_shows_all_that_raise_the_best_and_says_how_many_have_no_value(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pages, "_MOST", 3)
+    space = SOURCE / "fin_optimizer/config/drawer_of_sheets.yaml"
+    campaign = SpaceCampaign.of_file(space, algorithm="random", runs=1, swims=12, duration=1.0)
+    (run,) = campaign.planned()
+    table = perform([run])[0]
+    speeds = np.array([1.0, 2.0, 1.0, np.nan, 3.0, 1.0, 1.0, 4.0, 1.0, 5.0, np.nan, 1.0]) / 100.0
+    page = space_campaign_page("drawer", campaign, {run: {**table, "mean_speed": speeds}}, {})
+    assert page.lead[-1] == "12 swims of 1 run, of which the page shows 8; 2 have no value."
+    plot = next(block for block in section(page, "progress").blocks if isinstance(block, Plot))
+    so_far = next(trace for trace in plot.figure["data"] if trace["name"] == "best so far")
+    assert so_far["y"] == [1.0, 2.0, 3.0, 4.0, 5.0, 5.0]
+    assert "nothing was refused" not in section(page, "refused").paragraphs[0]
 
 
 # -- the command -------------------------------------------------------------------------------------------------------

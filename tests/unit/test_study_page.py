@@ -177,6 +177,9 @@ def test_repeats_have_their_spread() -> None:
     (plot,) = repeats.blocks
     assert isinstance(plot, Plot)
     assert plot.figure["data"][0]["y"] == [2.0, 3.0]
+    two = [*trials[:2], trial(2, score=0.01), trial(3, score=0.0102, candidate=2)]
+    repeats = section(study_page(StudyFacts("r", SETTINGS, two)), "repeats")
+    assert "0.36 cm/s (median), at most 0.71 cm/s" in repeats.paragraphs[0], "of two the middle between them"
     once = section(study_page(ONE), "repeats")
     assert "no spread between repeats" in once.paragraphs[0]
 
@@ -271,6 +274,8 @@ def test_the_numbers_of_a_swim_are_told_with_units_and_a_swim_too_short_for_a_be
     short = dict(numbers_of(swim(duration=0.6), 0.0))
     assert "Strouhal number" not in short
     assert "mean speed, as scored" in short
+    swum = swim(duration=3.0)
+    assert "energy per metre" not in dict(numbers_of(replace(swum, surge=-swum.surge), 0.5)), "it swims backwards"
 
 
 def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its_default_fish(tmp_path: Path) -> None:

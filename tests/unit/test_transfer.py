@@ -53,4 +53,7 @@ def test_fins_that_did_not_swim_count_by_their_rank_only() -> None:
     assert found.rank == pytest.approx(1.0)
     assert found.bias == pytest.approx(1.0)
     assert (found.count, found.error_left) == (3, None)
+    backwards = transfer([-1.0, 1.0, 1.0], [1.0, 1.0, 1.0])
+    assert (backwards.bias, backwards.error) == (0.0, 0.0)
+    assert transfer([-1.0], [1.0]).error == pytest.approx(2.0), "an error of twice the speed is one, not none"
     assert transfer([1.0], [0.0]).text == "There are too few fins that differ for a rank correlation."

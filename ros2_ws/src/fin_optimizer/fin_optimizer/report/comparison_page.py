@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from fin_optimizer.goals import Goals
 from fin_optimizer.report import figures
 from fin_optimizer.report.parts import Cell, Column, Facts, Page, Plot, Section, Table
 from fin_optimizer.report.study_page import lead
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
 def comparison_page(studies: Sequence[StudyFacts]) -> Page:
     """Return the page of several studies, two at least."""
     names = distinct([study.name for study in studies])
-    best = [study.best.score if study.best is not None and study.best.score is not None else None for study in studies]
-    ranked = sorted((score, name) for score, name in zip(best, names, strict=True) if score is not None)
+    fastest = [max((c.score for c in study.scored if c.score is not None), default=None) for study in studies]
+    ranked = sorted((speed, name) for speed, name in zip(fastest, names, strict=True) if speed is not None)
     said = [f"{ranked[-1][1]} found the fastest fin: {show_speed(ranked[-1][0])}."] if ranked else []
+    if any(study.settings.goals != Goals() for study in studies):
+        said.append("Not all of them looked for speed alone: the best fin of each is that by its own goals.")
     if len({tuple(sorted(map(str, study.fish.items()))) for study in studies}) > 1:
         said.append("Not the same fish swam them, so their speeds tell of the fish as well as of the fins.")
     parts = (_studies, _progress, _searched, _settings)
@@ -30,7 +33,8 @@ def comparison_page(studies: Sequence[StudyFacts]) -> Page:
         title=f"{len(studies)} studies side by side",
         lead=said or ["No study has a score yet."],
         facts=Facts(
-            [(name, "no score" if s is None else show_speed(s)) for name, s in zip(names, best, strict=True)], "large"
+            [(name, "no score" if s is None else show_speed(s)) for name, s in zip(names, fastest, strict=True)],
+            "large",
         ),
         sections=[section for section in sections if section is not None],
         notes=[f"{name}: {note}" for name, study in zip(names, studies, strict=True) for note in study.notes],
@@ -50,7 +54,7 @@ def _studies(names: Sequence[str], studies: Sequence[StudyFacts]) -> Section:
         Column("plant", is_number=False),
         Column("fins"),
         Column("trials"),
-        Column("best", "cm/s"),
+        Column("speed of the best", "cm/s"),
         Column("±", "cm/s"),
         Column("best fin", is_number=False),
     ]

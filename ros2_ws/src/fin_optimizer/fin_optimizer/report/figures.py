@@ -22,7 +22,7 @@ from fin_optimizer.words import in_words, show_number, show_values, trial_name
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from fin_optimizer.goals import Measure
+    from fin_optimizer.goals import Goals, Measure
     from fin_optimizer.report.simulated import Curve, Map
     from fin_optimizer.search.space import AnyDimension, Space
     from fin_optimizer.study.candidate import Candidate, TrialRecord
@@ -137,8 +137,9 @@ def say_candidate(goal: Measure, candidate: Candidate) -> str:
 # -- plots of a study ------------------------------------------------------------------------------------------------
 
 
-def progress(goal: Measure, trials: Sequence[TrialRecord], best: Candidate | None) -> Figure:
+def progress(goals: Goals, trials: Sequence[TrialRecord], best: Candidate | None) -> Figure:
     """Return what is looked for over the number of the trial, the best so far, and below what has no score."""
+    goal = goals.measures[0]
     scored = [trial for trial in trials if trial.measured]
     shown = [scored[index] for index in some_of(len(scored))]
     data = [
@@ -151,7 +152,7 @@ def progress(goal: Measure, trials: Sequence[TrialRecord], best: Candidate | Non
             size=_size(shown, 8),
         )
     ]
-    x, y = _best_so_far(goal, scored, len(trials) - 1)
+    x, y = _best_so_far(goal, [trial for trial in scored if not goals.missed(trial.measured)], trials[-1].number)
     data.append(line(x, y, "best so far", INK, shape="hv", hoverinfo="skip"))
     for outcome, symbol in _OUTCOME_SYMBOLS.items():
         without = [trial for trial in trials if trial.outcome is outcome]
@@ -180,7 +181,7 @@ def _size(shown: Sequence[Any], few: int) -> int:
 
 
 def _best_so_far(goal: Measure, scored: Sequence[TrialRecord], last: int) -> tuple[list[int], list[float | None]]:
-    """Return where the best gets better and how good it is then, up to the last trial; constraints do not count."""
+    """Return where the best gets better and how good it is then, up to trial ``last``."""
     x: list[int] = []
     y: list[float | None] = []
     best = -math.inf
@@ -451,7 +452,7 @@ def progress_of_several(studies: Sequence[tuple[str, Sequence[TrialRecord]]]) ->
     data = []
     for index, (name, trials) in enumerate(studies):
         colour, symbol, dash = _look(index)
-        x, y = _best_so_far(SPEED, [trial for trial in trials if trial.measured], len(trials) - 1)
+        x, y = _best_so_far(SPEED, [trial for trial in trials if trial.measured], trials[-1].number)
         steps = line(x, y, html.escape(name), colour, shape="hv", dash=dash, mode="lines+markers")
         data.append({**steps, "marker": {"symbol": symbol, "size": 7}})
     return figure(data, titled("trial"), titled(SPEED.axis))

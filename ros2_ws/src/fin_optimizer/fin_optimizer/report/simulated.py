@@ -180,7 +180,8 @@ def numbers_of(swim: Swim, settle: float) -> list[tuple[str, str]]:
         return float(np.trapezoid(values[counted], swim.time[counted])) / window
 
     def cost() -> float:
-        return over(swim.servo_power) / over(swim.surge)
+        speed = over(swim.surge)
+        return over(swim.servo_power) / speed if speed > 0.0 else math.nan
 
     wanted: list[tuple[str, Callable[[], float], float, str]] = [
         ("mean speed, as scored", lambda: over(swim.surge), 1e-2, "cm/s"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -24,13 +25,14 @@ from fin_plant.fin import Fin
 from fin_sim.swim import swim
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
+    from fin_optimizer.goals import Goals
     from fin_optimizer.paper.space_campaign import SpaceCampaign, SpaceRun
     from fin_optimizer.paper.space_campaign import Table as RunTable
 
 _MOST = 3000
-"""Swims that the page shows at most: evenly chosen, with the best of each run."""
+"""Swims that the page shows at most, evenly chosen; beside them the best of each run, and all that raise the best."""
 _NO_VALUE = "its swim settles at no time step, or has no value of what is asked for"
 
 
@@ -55,6 +57,7 @@ def space_campaign_page(
     every = [trial for each in swims for trial in each]
     chosen = {every[place].number for place in some_of(len(every), _MOST)}
     chosen |= {best.number for best in bests if best is not None}
+    chosen |= {trial.number for trial in _turns(every, goals)}
     facts = StudyFacts(
         name,
         settings,
@@ -67,9 +70,21 @@ def space_campaign_page(
         facts = replace(facts, simulated=_simulated(campaign, settings, facts.best))
     page = study_page(facts)
     said = f"{counted(len(every), 'swim')} of {counted(len(runs), 'run')}"
-    said += f", of which the page shows {len(facts.trials)}." if len(facts.trials) < len(every) else "."
+    said += f", of which the page shows {len(facts.trials)}" if len(facts.trials) < len(every) else ""
+    lost = sum(not trial.measured for trial in every)
+    said += f"; {lost} have no value." if lost else "."
     sections = [page.sections[0], _runs(runs, swims, bests), *page.sections[1:]]
     return replace(page, title=f"Campaign {name}", lead=[*page.lead, said], sections=sections)
+
+
+def _turns(trials: Sequence[TrialRecord], goals: Goals) -> Iterator[TrialRecord]:
+    """Yield the trials that are better than all before them, and the first without a value."""
+    good = -math.inf
+    for trial in trials:
+        if trial.measured and not goals.missed(trial.measured) and (own := goals.objectives(trial.measured)[0]) > good:
+            good = own
+            yield trial
+    yield from [trial for trial in trials if not trial.measured][:1]
 
 
 def _firsts(runs: Sequence[SpaceRun], results: Mapping[SpaceRun, RunTable]) -> list[int]:

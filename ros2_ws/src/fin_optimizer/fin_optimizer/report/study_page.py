@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import statistics
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -104,11 +105,12 @@ def _progress(facts: StudyFacts) -> Section:
     if not facts.trials:
         return Section("progress", "Progress", ["There is nothing to show yet: begin with the first trial."])
     algorithm = facts.settings.details.get("search.algorithm")
-    said = f"The {facts.goal.words} of each trial, and the best so far."
+    of = " that meets all constraints" if facts.settings.goals.constraints else ""
+    said = f"The {facts.goal.words} of each trial, and the best so far{of}."
     said += f" The search is {algorithm}." if algorithm else ""
     if facts.best is None:
         said = "No trial has a score; the marks at the bottom are trials without one."
-    plot = Plot(figures.progress(facts.goal, facts.trials, facts.best), said)
+    plot = Plot(figures.progress(facts.settings.goals, facts.trials, facts.best), said)
     return Section("progress", "Progress of the search", (), [plot])
 
 
@@ -167,17 +169,15 @@ def _repeats(facts: StudyFacts) -> Section:
         spreads = [trial.spread for trial in facts.trials if trial.spread is not None]
         said = "Each fin has one swim with a score, so there is no spread between repeats."
         if spreads:
-            middle = sorted(spreads)[len(spreads) // 2]
-            said += (
-                f" Within a swim the speed's standard deviation from block to block is {middle / CM:.2g} cm/s (median)."
-            )
+            middle = f"{statistics.median(spreads) / CM:.2g} cm/s (median)"
+            said += f" Within a swim the speed's standard deviation from block to block is {middle}."
         return Section("repeats", "Repeats", [said])
     some = sorted(repeated, key=rank, reverse=True)[:_REPEATED]
     unit, factor = facts.goal.shown_in
-    spreads = sorted(figures.spread_of(facts.goal, candidate) / factor for candidate in repeated)
+    spreads = [figures.spread_of(facts.goal, candidate) / factor for candidate in repeated]
     said = (
         f"{counted(len(repeated), 'fin')} swam more than once; the standard deviation between the swims of a fin is "
-        f"{spreads[len(spreads) // 2]:.2g} {unit} (median), at most {spreads[-1]:.2g} {unit}."
+        f"{statistics.median(spreads):.2g} {unit} (median), at most {max(spreads):.2g} {unit}."
     )
     of = f"The {len(some)} best of them" if len(some) < len(repeated) else "All of them"
     return Section("repeats", "Repeats", [said], [Plot(figures.repeats(facts.goal, some), f"{of}, the best first.")])

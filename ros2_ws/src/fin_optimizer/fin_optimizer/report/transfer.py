@@ -22,10 +22,11 @@ class Transfer:
     Attributes:
         count: Fins that are compared.
         rank: Spearman's rank correlation; None of too few, or where all are equal.
-        bias: Simulated over measured, the median, less 1; None where nothing measured is above 0.
-        error: Median of the errors, either way, as shares of what was measured.
+        bias: Simulated over measured, the median of the fins with a measured value above 0, less 1; None without any.
+        error: Median of their errors, either way, as shares of what was measured.
         error_left: The same after all that is simulated is divided by one factor, for each fin that of the others: how
-            much a calibration of the fish's speed as a whole can mend.
+            much a calibration of the fish's speed as a whole can mend. None of too few, or where a factor is not
+            above 0.
     """
 
     count: int
@@ -53,12 +54,12 @@ def transfer(simulated: Sequence[float], measured: Sequence[float]) -> Transfer:
     """Return how simulated values compare with measured ones of the same fins, in order."""
     differ = len(set(simulated)) > 1 and len(set(measured)) > 1
     rank = float(scipy.stats.spearmanr(simulated, measured).statistic) if len(measured) >= FEWEST and differ else None
-    ratios = np.array([s / m for s, m in zip(simulated, measured, strict=True) if m > 0.0 and s > 0.0])
+    ratios = np.array([s / m for s, m in zip(simulated, measured, strict=True) if m > 0.0])
     if not len(ratios):
         return Transfer(len(measured), rank, None, None, None)
     left = None
     if len(ratios) >= FEWEST:
         others = [float(np.median(np.delete(ratios, place))) for place in range(len(ratios))]
-        left = float(np.median(np.abs(ratios / others - 1.0)))
+        left = float(np.median(np.abs(ratios / others - 1.0))) if min(others) > 0.0 else None
     bias, error = float(np.median(ratios)) - 1.0, float(np.median(np.abs(ratios - 1.0)))
     return Transfer(len(measured), rank, bias, error, left)
