@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from typing import TYPE_CHECKING
 
@@ -511,6 +512,15 @@ def test_of_joint_angles_each_turns_all_links_behind_it() -> None:
         pytest.approx((0.11, 0.08)),
     ]
     assert shape.driven == 1
+
+
+@pytest.mark.parametrize("broken", [math.nan, math.inf])
+def test_a_fish_that_is_nowhere_is_not_drawn(broken: float) -> None:
+    """Of a number that JSON does not know no page can be told."""
+    body, link = Piece(0.0, 0.0, 0.0, 0.14, 0.045), Piece(-0.1, 0.0, 0.0, 0.06, 0.002)
+    assert from_pieces(1, body, [link], 1).is_finite
+    assert not from_pieces(1, replace(body, x=broken), [link], 1).is_finite
+    assert not from_pieces(1, body, [replace(link, y=broken)], 1).is_finite
 
 
 def swum(seconds: float, x: float, y: float = 0.0, heading: float = 0.0) -> Shape:

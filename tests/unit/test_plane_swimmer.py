@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -144,6 +145,8 @@ def test_a_joint_may_have_harmonics_and_an_offset() -> None:
         (changed("links", 1, "angle", to={"amplitude": "x"}), "link front: amplitude must be a number, got 'x'"),
         (changed("links", 1, "ellipse", to=[1.0, 0.001]), "link front: an ellipse of semi-axes 1 and 0.001 m is more"),
         (changed("links", 1, "mass", to=-1.0), "link front: mass = -1"),
+        (changed("links", 1, "own", to=[math.inf, 0.0]), r"link front: own = \[inf, 0.0\] must be \[x, y\]"),
+        (changed("links", 1, "angle", to={"harmonics": [{"order": 2}]}), "link front: a wave has no amplitude"),
     ],
 )
 def test_a_file_that_describes_no_swimmer_is_refused(content: Any, message: str) -> None:

@@ -52,6 +52,12 @@ class Shape:
     tail: tuple[Point, ...]
     driven: int
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether it can be drawn: a fish whose computation broke off is nowhere."""
+        body = (self.body.x, self.body.y, self.body.heading, self.body.length, self.body.width)
+        return all(map(math.isfinite, (*body, *(each for point in self.tail for each in point))))
+
     def told(self) -> dict[str, object]:
         """Return it as JSON has it, to a tenth of a mm."""
         body = self.body

@@ -111,7 +111,8 @@ class FishStreams:
             return None
         head, *links = (_piece(each.pose, each.scale.x, each.scale.y) for each in markers[body:])
         driven = sum(1 for marker in markers[body + 1 :] if marker.color.r < _FIN_RED)
-        return from_pieces(nanoseconds_of(markers[body].header.stamp), head, links, driven)
+        shape = from_pieces(nanoseconds_of(markers[body].header.stamp), head, links, driven)
+        return shape if shape.is_finite else None
 
     def _measured(self, fin: Any) -> Shape | None:
         pose: PoseStamped | None = self._newest.get(topics.POSE.name)

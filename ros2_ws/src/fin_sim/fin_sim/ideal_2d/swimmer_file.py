@@ -184,6 +184,9 @@ def _rear(link: Mapping[str, Any]) -> complex | None:
 
 
 def _section(link: Mapping[str, Any], plan: _Plan, *, followed: bool) -> Section:
+    if plan.shape == "outline" and "nodes" in link:
+        msg = "an outline's points are its nodes: leave out nodes, and give more points"
+        raise ValueError(msg)
     nodes = checks.whole_number("nodes", link["nodes"], 8, 2000) if "nodes" in link else 0
     if plan.shape == "fin":
         length = _number(link, "fin", None, positive=True)
@@ -251,7 +254,10 @@ def _joint(link: Mapping[str, Any]) -> JointAngle | Spring:
 
 
 def _wave(values: Mapping[str, Any]) -> tuple[float, float]:
-    amplitude = checks.number("amplitude", values.get("amplitude", math.nan), -math.pi, math.pi, unit="rad")
+    if "amplitude" not in values:
+        msg = "a wave has no amplitude: give it one, rad"
+        raise ValueError(msg)
+    amplitude = checks.number("amplitude", values["amplitude"], -math.pi, math.pi, unit="rad")
     return amplitude, checks.number("phase", values.get("phase", 0.0), unit="rad")
 
 
@@ -279,6 +285,7 @@ def _is_point(value: Any) -> bool:
         isinstance(value, list)
         and len(value) == 2  # noqa: PLR2004
         and all(isinstance(item, int | float) and not isinstance(item, bool) for item in value)
+        and all(map(math.isfinite, value))
     )
 
 
