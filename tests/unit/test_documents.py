@@ -56,6 +56,17 @@ def test_every_parameter_in_the_readmes_table_exists() -> None:
         assert f"| `{full}` |" in page, name
 
 
+def test_the_head_of_each_room_lists_its_files() -> None:
+    package = ROOT / "ros2_ws" / "src" / "fin_optimizer" / "fin_optimizer"
+    rooms = sorted(path.parent for path in package.glob("*/__init__.py") if path.parent.name != "commands")
+    assert len(rooms) > 8
+    for room in rooms:
+        head = (room / "__init__.py").read_text(encoding="utf-8")
+        files = {path.stem for path in room.glob("*.py")} - {"__init__"}
+        lacking = {name for name in files if re.search(rf"\b{name}\b", head) is None}
+        assert not lacking, f"{room.name}/__init__.py does not list {', '.join(sorted(lacking))}"
+
+
 def swim(command: str, capsys: pytest.CaptureFixture[str]) -> float:
     """Run a command line of the program swim; return the mean speed in m/s."""
     words = shlex.split(command)

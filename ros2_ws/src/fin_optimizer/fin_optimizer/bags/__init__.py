@@ -1,14 +1,16 @@
 """Bags of trials: rosbag2 bags in MCAP that survive a kill, without ROS.
 
-messages      serialised messages: their types, stamps and velocities
-log_time      the time at which a message is logged
-writer        writes a bag, each second on the disk
-metadata      what describes a bag as a whole
-reader        reads any bag, also one of other writers
-mcap_records  the records of an MCAP file, up to where it was cut off
-files         where a bag's files are
-integrity     what check sums tell
-repair        closes bags that were left open
-playback      when which message is played
-disk_space    whether there is room for one more
+messages        serialised messages: their types, stamps and velocities
+log_time        the time at which a message is logged
+writer          writes a bag, each second on the disk
+metadata        what describes a bag as a whole
+model_messages  what a 3-D view needs, computed from what was recorded
+enrich          the same for bags that were recorded without it, in a copy
+reader          reads any bag, also one of other writers
+mcap_records    the records of an MCAP file, up to where it was cut off
+files           where a bag's files are
+integrity       what check sums tell
+repair          closes bags that were left open
+playback        when which message is played
+disk_space      whether there is room for one more
 """

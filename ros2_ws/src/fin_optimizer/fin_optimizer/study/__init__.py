@@ -8,6 +8,7 @@ checked_journal  the same with check sums, as Optuna reads it
 candidate        a candidate, its trials, and what follows from them
 records          the trials that a journal tells of, checked
 ledger           `Study`: proposes, notes and resumes; an Optuna study in the journal
+recovery         the journal made anew, from its whole entries and the bags
 report           table of all trials
 final_report     what a study leaves, and the sentences that say what was found
 pictures         which pictures a study gets

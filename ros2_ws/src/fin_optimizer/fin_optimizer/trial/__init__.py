@@ -10,5 +10,6 @@ plant_client  how a plant is spoken to
 recorder      listens to the plant's topics and writes its bag
 subscription  one of these topics: all that came, with the quality of service that is offered
 silence       what is said of a topic on which nothing comes
+scored        what a recorded swim makes of its trial
 result        how a trial ends
 """

@@ -6,7 +6,7 @@
 * `columns`: fins as columns. `links`: what they are as links. `task`: what all fins share.
 * `equations`, `step`, `tracing`: the equations of one fish and one step in time, recorded. `loops`, `kernel`: what was
   recorded made into code with loops over the links, whose vector registers hold a fish in each lane.
-* `window`: means over the end of a swim. `result`: what comes out.
+* `window`: means over the end of a swim. `result`: what comes out. `plane`: swims in a plane ideal flow.
 
 Every figure is right to `TOLERANCES`, or its swim has none and says so. Near the paper's gait and fins (`proven`) one
 step length is known to be short enough. Everywhere else a fin swims again at half the step, and at a quarter, until
