@@ -233,6 +233,14 @@ def test_an_unwritable_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureF
     assert (tmp_path / "file").read_text() == "not a folder"
 
 
+def test_what_cannot_swim_is_refused_before_its_folder_is_begun(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command(tmp_path / "out", "model", "--water", "bht") == 2
+    assert "clamp = fixed with water.model = ideal_2d" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_half_a_result_is_named_and_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command(tmp_path, "model", "simulation", "--workers", "1") == 0
     path = tmp_path / "runs" / "model-000.npz"
@@ -252,6 +260,9 @@ def test_a_folder_with_other_settings_is_refused(tmp_path: Path, capsys: pytest.
     assert command(tmp_path, "model", "--seed", "5") == 2
     assert "other settings (seed)" in capsys.readouterr().err
     assert (tmp_path / "study.json").read_bytes() == before
+    (tmp_path / "study.json").write_text(json.dumps({**json.loads(before), "gills": 2}))
+    assert command(tmp_path, "model") == 2
+    assert "other settings (gills)" in capsys.readouterr().err
     (tmp_path / "study.json").write_text("{")
     assert command(tmp_path, "model") == 2
     assert json.loads(before)["population"] == 12
@@ -284,11 +295,12 @@ def test_a_campaign_in_another_water_is_another_campaign_and_one_in_strips_the_s
     strips, ideal = Campaign(**sizes), Campaign(**sizes, water="paper_simulation")  # type: ignore[arg-type]
     assert Run("shape", 0, ideal).preset.fish.water.model == "surface_3d"
     assert Run("shape", 0, ideal).preset.fish.water.wake == "none"
-    campaign._open_folder(tmp_path / "strips", strips)
+    campaign._begin_folder(tmp_path / "strips", strips)
+    campaign._refuse_another(tmp_path / "strips", strips)
     settings = json.loads((tmp_path / "strips" / "study.json").read_text())
     assert "water" not in settings  # as folders of older versions are
     assert "wake" not in settings["fish"]["clark2012_simulation"]["fish"]["water"]
     with pytest.raises(ValueError, match=r"other settings \(water"):
-        campaign._open_folder(tmp_path / "strips", ideal)
+        campaign._refuse_another(tmp_path / "strips", ideal)
     with pytest.raises(ValueError, match="water = 'salt' is not known"):
         Campaign(water="salt")

@@ -46,11 +46,11 @@ def draw_page(path: Path, swims: Sequence[Swim], predictions: Sequence[Predictio
         way.axis("equal")
         for panel in (speed, heading):
             panel.axvline(given, color="#9aa5b1", lw=0.6, ls=":")
+        if index + _SWIMS_A_ROW >= len(swims):  # the lowest of its column
+            speed.set_xlabel("time, s")
+            heading.set_xlabel("time, s")
     for panel in axes.flat[len(swims) * _PANELS :]:
         panel.set_axis_off()
-    for panel in axes[-1, :]:
-        if panel.axison and panel in {*axes[-1, 0::_PANELS], *axes[-1, 1::_PANELS]}:
-            panel.set_xlabel("time, s")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False)
     figure.savefig(path, dpi=110)

@@ -33,7 +33,6 @@ from fin_optimizer.paper.experiments import (
     STATED,
     Campaign,
     Run,
-    in_water,
     perform,
     planned_runs,
 )
@@ -97,23 +96,29 @@ def _settings(campaign: Campaign | SpaceCampaign) -> dict[str, Any]:
             more["window"] = "whole beats"
     else:
         more = {"fish": {name: asdict(preset(name)) for name in (MODEL, SIMULATION, STATED)}}
-    return dict(json.loads(json.dumps({**asdict(campaign), **more})))
-
-
-def _open_folder(folder: Path, campaign: Campaign | SpaceCampaign) -> None:
-    """Make the folder, or see that it holds the same campaign."""
-    settings = folder / "study.json"
-    wanted = _settings(campaign)
+    settings = dict(json.loads(json.dumps({**asdict(campaign), **more})))
     if campaign.water == "strip":
-        _leave_out_water(wanted)
+        _leave_out_water(settings)
+    return settings
+
+
+def _begin_folder(folder: Path, campaign: Campaign | SpaceCampaign) -> None:
+    """Make the folder of a campaign, where there is none yet."""
+    settings = folder / "study.json"
     try:
         (folder / "runs").mkdir(parents=True, exist_ok=True)
         if not settings.exists():
-            text = json.dumps(wanted, indent=2) + "\n"
-            write_text(settings, text)
+            write_text(settings, json.dumps(_settings(campaign), indent=2) + "\n")
     except OSError as error:
         msg = f"cannot write to the folder {folder}: {error.strerror}; choose another one with --output"
         raise ValueError(msg) from None
+
+
+def _refuse_another(folder: Path, campaign: Campaign | SpaceCampaign) -> None:
+    """Refuse a folder that holds another campaign."""
+    settings, wanted = folder / "study.json", _settings(campaign)
+    if not settings.exists():
+        return
     try:
         with text_file.named(settings):
             found = json_file.read(settings)
@@ -121,7 +126,9 @@ def _open_folder(folder: Path, campaign: Campaign | SpaceCampaign) -> None:
         msg = f"{error}: move it away, or choose another folder with --output"
         raise ValueError(msg) from None
     if found != wanted:
-        changed = [name for name in wanted if found.get(name) != wanted[name]] if isinstance(found, dict) else ["all"]
+        changed = ["all"]
+        if isinstance(found, dict):
+            changed = [name for name in {**wanted, **found} if found.get(name) != wanted.get(name)]
         msg = (
             f"{folder} holds a campaign with other settings ({', '.join(changed)}): give the same ones to resume it "
             "(the fish are the presets of this version), or choose another folder with --output"
@@ -336,15 +343,12 @@ def _run(arguments: argparse.Namespace, console: Console) -> Path:
     folder = _folder_of(arguments)
     warn = partial(console.print, "campaign: warning:", markup=False)
     if of_space is not None:
-        _open_folder(folder, of_space)
-        found = _carried_out(of_space.planned(), folder, workers, arguments.dask, console)
+        found = _carried_out(of_space, of_space.planned(), folder, workers, arguments.dask, console)
         paths = space_report.write(folder, of_space, found, warn)
     else:
         campaign = _campaign_of(arguments)
         runs = planned_runs(campaign, arguments.experiments)
-        in_water(preset(SIMULATION), campaign.water)
-        _open_folder(folder, campaign)
-        results = _carried_out(runs, folder, workers, arguments.dask, console)
+        results = _carried_out(campaign, runs, folder, workers, arguments.dask, console)
         collect(folder, results)
         paths = figures.write(folder, campaign, results, warn)
     for path in paths:
@@ -353,14 +357,20 @@ def _run(arguments: argparse.Namespace, console: Console) -> Path:
 
 
 def _carried_out(
-    runs: Sequence[RunT], folder: Path, workers: int, dask: str | None, console: Console
+    campaign: Campaign | SpaceCampaign,
+    runs: Sequence[RunT],
+    folder: Path,
+    workers: int,
+    dask: str | None,
+    console: Console,
 ) -> dict[RunT, Table]:
+    _refuse_another(folder, campaign)
     results = finished(folder, runs)
     missing = [run for run in runs if run not in results]
+    took = compile_first(missing) if missing else 0.0  # what cannot swim is refused by it, before anything is written
+    _begin_folder(folder, campaign)
     if missing:
-        console.print(
-            f"compiled in {compile_first(missing):.1f} s; {len(results)} of {len(runs)} runs are done already"
-        )
+        console.print(f"compiled in {took:.1f} s; {len(results)} of {len(runs)} runs are done already")
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("runs"))
         bar = Progress(*columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console)
         with open_executor(workers, dask) as executor, bar:

@@ -208,15 +208,9 @@ def over(
         name = "simulator, all else as the best has it"
         hover = f"%{{y:.4g}} {goal.shown_in[0]}<extra>simulator</extra>"
         if isinstance(dimension, Choice):
-            hollow: dict[str, Any] = {
-                "symbol": "square-open",
-                "size": 12,
-                "color": QUIET,
-                "line": {"width": 2, "color": QUIET},
-            }
-            data.append(
-                dots(x, y, name, **hollow) | {"hovertemplate": f"%{{y:.4g}} {goal.shown_in[0]}<extra>simulator</extra>"}
-            )
+            edge = {"width": 2, "color": QUIET}
+            hollow = dots(x, y, name, symbol="square-open", size=12, color=QUIET, line=edge)
+            data.append({**hollow, "hovertemplate": hover})
         else:
             data.append(line(x, y, name, QUIET, hovertemplate=hover))
     shown = [scored[index] for index in some_of(len(scored))]

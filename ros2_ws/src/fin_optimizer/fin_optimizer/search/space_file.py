@@ -109,7 +109,7 @@ def space_of(
     heights = len(start[names.HEIGHTS])
     dimensions = _dimensions(searched, names.searchable(heights, joints), heights)
     if stock:
-        dimensions.insert(0, _sheets(stock) if len(stock) > 1 else _one_sheet(stock))
+        dimensions.insert(0, _sheets(stock))
     if not dimensions:
         msg = "it searches nothing: name a parameter in search, or two sheets in stock"
         raise ValueError(msg)
@@ -149,12 +149,10 @@ def _stock(entries: object) -> dict[str, Sheet]:
 
 
 def _sheets(stock: Mapping[str, Sheet]) -> Choice:
+    if len(stock) == 1:
+        msg = f"stock holds one sheet, {next(iter(stock))}: give two or more, or its E, thickness and density as fin.*"
+        raise ValueError(msg)
     return Choice(names.STOCK, tuple(stock), traits=tuple(sheet.traits for sheet in stock.values()))
-
-
-def _one_sheet(stock: Mapping[str, Sheet]) -> AnyDimension:
-    msg = f"stock holds one sheet, {next(iter(stock))}: give two or more, or its E, thickness and density as fin.*"
-    raise ValueError(msg)
 
 
 def _profile(searched: dict[str, Any], start: Mapping[str, Any]) -> dict[str, Any]:
