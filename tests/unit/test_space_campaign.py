@@ -267,6 +267,15 @@ def test_a_later_experiment_is_ready(name: str) -> None:
     assert not len(given.start.space.refused(rows))
 
 
+def test_the_spread_of_the_runs_is_that_of_a_sample(file: Path) -> None:
+    given = small(file, "random", runs=3)
+    tables = [{name: np.full(2, 0.01) for name in run.columns} for run in given.planned()]
+    for table, best in zip(tables, (0.01, 0.02, 0.03), strict=True):
+        table["mean_speed"] = np.array([0.001, best])
+    told = space_report.report(given, tables)
+    assert "* best speed: 3.000 cm/s; the runs' bests: mean 2.000 cm/s, standard deviation 1.000 cm/s\n" in told
+
+
 def test_the_front_is_what_nothing_beats(file: Path) -> None:
     given = small(file, "nsga2", goals=("mean_speed", "power"), population=4)
     random = np.random.default_rng(2)

@@ -143,7 +143,10 @@ def report(campaign: SpaceCampaign, tables: Sequence[Table]) -> str:
     for number, goal in enumerate(goals.measures):
         each = goal.direction * np.array([np.nanmax(good[number]) for good in bests if np.isfinite(good[number]).any()])
         top = each.min() if goal.direction == LESS else each.max()
-        spread = f"; of each run {goal.shown(each.mean())} +- {goal.shown(each.std())}" if len(each) > 1 else ""
+        spread = ""
+        if len(each) > 1:
+            mean, deviation = goal.shown(each.mean()), goal.shown(each.std(ddof=1))
+            spread = f"; the runs' bests: mean {mean}, standard deviation {deviation}"
         lines.append(f"* best {goal.words}: {goal.shown(top)}{spread}")
     lines += ["", f"Best in {goals.measures[0].words}: {show_values(_values(campaign, whole, place))}", ""]
     if len(goals.measures) > 1:
