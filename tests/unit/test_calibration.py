@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -271,6 +272,20 @@ def test_a_fish_that_does_not_move_has_no_relative_errors(tmp_path: Path, capsys
     written(tmp_path, lambda rows: scaled(["v_forward"], 0.0)(without("x")(without("y")(rows))))
     assert predict_command.main(["--fish", str(FITTED), "--swims", str(tmp_path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["median"]["speed"] is None
+
+
+def test_a_swim_that_a_fish_cannot_swim_is_no_prediction(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not a number in place of an error is neither small nor large, and no JSON."""
+
+    def breaks_off(_: Tank, __: Swim, ___: np.ndarray, times: np.ndarray) -> np.ndarray:
+        return np.where(times[:, None] < 3.0, np.zeros((len(times), 6)), math.nan)
+
+    swim, tank = read_csv(ONE), Tank(read_fish(FITTED))
+    monkeypatch.setattr(Tank, "swim", breaks_off)
+    with pytest.raises(
+        ValueError, match=rf"{re.escape(ONE.stem)}: the fish cannot swim it, .* breaks off 3\.\d\d s after"
+    ):
+        predict(tank, swim)
 
 
 def test_nothing_that_a_prediction_is_judged_by_is_shown_to_it(capsys: pytest.CaptureFixture[str]) -> None:

@@ -144,6 +144,16 @@ class Start:
 
 
 def predict(tank: Tank, swim: Swim, given: float = GIVEN) -> Prediction:
-    """Return what a model says of a swim of which it is shown the first ``given`` seconds."""
+    """Return what a model says of a swim of which it is shown the first ``given`` seconds.
+
+    Raises:
+        ValueError: The model cannot swim it: the computation breaks off.
+    """
     start = Start(swim, given)
-    return start.follow(tank, start.find(tank))
+    found = start.follow(tank, start.find(tank))
+    known = np.isfinite(found.forward)
+    if not known.all():
+        until = f"the computation breaks off {swim.time[int(np.argmin(known))]:.2f} s after its start"
+        msg = f"{swim.name}: the fish cannot swim it, {until}: it is no fish of this kind, or a number of it is far off"
+        raise ValueError(msg)
+    return found
