@@ -22,8 +22,19 @@ _PANEL = (2.6, 1.75)  # inches
 
 
 @own_style(font_size=7)
-def draw_page(path: Path, swims: Sequence[Swim], predictions: Sequence[Prediction], given: float) -> None:
-    """Draw the page into a file; a line marks the end of what each prediction was given, ``given`` s."""
+def draw_page(
+    path: Path, swims: Sequence[Swim], predictions: Sequence[Prediction], given: float, *, fitted: bool = False
+) -> None:
+    """Draw the page into a file.
+
+    Args:
+        path: Of the file.
+        swims: Recorded.
+        predictions: Of each of them.
+        given: What each prediction was given, s; a line marks its end.
+        fitted: Whether the fish was fitted to these very swims, which is no prediction.
+    """
+    how = "fitted to these swims, started" if fitted else "predicted"
     rows = math.ceil(len(swims) / _SWIMS_A_ROW)
     columns = _SWIMS_A_ROW * _PANELS
     figure, axes = new_figure(columns * _PANEL[0], rows * _PANEL[1] + 0.4, rows, columns)
@@ -32,7 +43,7 @@ def draw_page(path: Path, swims: Sequence[Swim], predictions: Sequence[Predictio
         speed, heading, way = axes[row, _PANELS * place : _PANELS * (place + 1)]
         for values, colour, label in (
             (swim, _MEASURED, "measured"),
-            (predicted, _PREDICTED, f"predicted from the first {given:g} s"),
+            (predicted, _PREDICTED, f"{how} from the first {given:g} s"),
         ):
             speed.plot(swim.time, 100.0 * values.forward, color=colour, lw=0.9, label=label)
             heading.plot(swim.time, np.degrees(values.heading), color=colour, lw=0.9)

@@ -180,7 +180,7 @@ def _run(given: argparse.Namespace, made_by: str) -> int:
 
         tank = Tank(found.model)
         predictions = [predict(tank, swim) for swim in swims]
-        failure = try_to_draw(given.page, lambda: draw_page(given.page, swims, predictions, GIVEN))
+        failure = try_to_draw(given.page, lambda: draw_page(given.page, swims, predictions, GIVEN, fitted=True))
         _say(f"note: {failure}" if failure else f"wrote {given.page}")
     if given.leave_out:
         _leave_out(given.leave_out, keys, swims, settings, found)

@@ -221,4 +221,5 @@ def _without_speed(results: Results) -> Section:
     columns = [Column("experiment", is_number=False), Column("run"), Column("fins without a speed")]
     rows = [[Cell(run.experiment), Cell(str(run.number), run.number), Cell(str(n), n)] for run, n in some.items()]
     said = "A fin has no speed if no fin can be so, or its swim does not settle at any time step."
-    return Section("refused", "Refused and failed", [said], [Table(columns, rows[:_ROWS])])
+    note = f"The first {_ROWS} of {len(rows)} such runs." if len(rows) > _ROWS else ""
+    return Section("refused", "Refused and failed", [said], [Table(columns, rows[:_ROWS], note)])

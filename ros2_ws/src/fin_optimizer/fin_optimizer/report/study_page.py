@@ -211,7 +211,7 @@ def _against(facts: StudyFacts) -> Section | None:
         said += f"{facts.simulated.swimmer} and the same fin and gait."
     plot = Plot(
         figures.against(facts.simulated.measure, facts.pairs),
-        "On the dashed line both are equal; bars are one standard deviation.",
+        "On the dashed line both are equal; bars are one standard deviation between a fin's swims.",
     )
     return Section("measured", "Simulated against measured", [said, facts.transfer.text], [plot])
 
