@@ -45,7 +45,7 @@ def test_every_water_has_its_cost() -> None:
     rows = swims.waters(Sizes(1, (1,), (1,), (1e-3,), 1))
     assert [(row["model"], row["wake"]) for row in rows[:2]] == [("strip", "lighthill"), ("surface_3d", "lighthill")]
     assert all(row["alone_ms"] > 0.0 for row in rows)
-    assert [row["drag"] for row in rows if "core_ms" not in row] == ["off"]
+    assert {row["drag"] for row in rows if "core_ms" not in row} == {"off"}
 
 
 def test_lanes_are_within_a_thousandth_and_time_a_swim() -> None:
