@@ -298,6 +298,11 @@ EQUIVALENT = {
         "_check_gaps: 0 -> 1": "a gap of one nanosecond",
         "__init__: super().__init__(reason) -> pass": "an exception keeps what it was made from before that",
         "_speed_before: stamps > start -> stamps >= start": "a usable sample at the start is one of those before",
+        "_block_means: 0 -> 1": "one block is too few for all who ask, as none is",
+        "_disturbed: window.end_ns - start < length -> window.end_ns - start <= length": "likewise",
+        "_disturbed: means > rest -> means >= rest": "a mean of exactly that speed",
+        "_disturbed: abs(means[most] - median) <= _CARRIED * abs(median) + _CARRIED_BY -> "
+        "abs(means[most] - median) < _CARRIED * abs(median) + _CARRIED_BY": "likewise",
     },
     "trial/trial": {
         "__init__: 1 -> 2": "any place below 0 is before the first phase",

@@ -299,6 +299,17 @@ def test_a_swim_that_is_stopped_before_its_window_has_no_score() -> None:
     check_swim(*swum(speed), window, Measurement(settle=4.0, duration=6.0, largest_start_speed=0.01))
 
 
+def test_a_stop_is_looked_for_in_the_whole_blocks_that_end_with_the_window_whenever_the_swim_began() -> None:
+    """The first of them begins 0.4 s after the start, and of one swim there is no whole block."""
+    begin = START + 3 * SECOND // 10
+    stamps, speed = swum(np.where(np.arange(101) < 38, 0.018, 0.0003))
+    stamps = stamps + begin - START
+    window = Window(begin + 4 * SECOND, begin + 104 * SECOND // 10)
+    with pytest.raises(ScoreError, match=r"rests from 4\.4 s after the start of its gait on, having swum at 1\.8 cm/s"):
+        check_swim(stamps, speed, window, Measurement(settle=4.0, duration=6.4))
+    check_swim(stamps, speed, Window(begin, begin + 4 * SECOND // 10), Measurement(settle=0.0, duration=0.4))
+
+
 @pytest.mark.parametrize(
     "speed",
     [

@@ -291,12 +291,11 @@ def _disturbed(
     usable = _near(stamps_ns, forward_speed, Window(start, window.end_ns), measurement.largest_speed)
     means = np.abs(_block_means(*usable, Window(start + early, window.end_ns), block))
     moving = np.flatnonzero(means > rest)
-    since = int(moving[-1]) + 1 if moving.size else 0
-    if len(means) - since >= _FEWEST_AT_REST and means[:since].max(initial=0.0) >= _STOPPED * rest > 0.0:
-        fastest = 100.0 * means[:since].max()
+    since = int(moving[-1]) + 1 if moving.size else len(means)
+    if len(means) - since >= _FEWEST_AT_REST and means.max() >= _STOPPED * rest:
         return (
             f"the fish rests from {early / NANOSECONDS + since * block:.3g} s after the start of its gait on, having "
-            f"swum at {fastest:.2g} cm/s: is it at the tank's wall?"
+            f"swum at {100.0 * means.max():.2g} cm/s: is it at the tank's wall?"
         )
     means = _block_means(*usable, window, block)
     if len(means) < _FEWEST_BLOCKS:
