@@ -301,6 +301,7 @@ EQUIVALENT = {
         "_block_means: 0 -> 1": "one block is too few for all who ask, as none is",
         "_disturbed: window.end_ns - start < length -> window.end_ns - start <= length": "likewise",
         "_disturbed: means > rest -> means >= rest": "a mean of exactly that speed",
+        "_disturbed: means.max() >= _STOPPED * rest -> means.max() > _STOPPED * rest": "likewise",
         "_disturbed: abs(means[most] - median) <= _CARRIED * abs(median) + _CARRIED_BY -> "
         "abs(means[most] - median) < _CARRIED * abs(median) + _CARRIED_BY": "likewise",
     },

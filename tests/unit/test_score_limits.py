@@ -259,6 +259,7 @@ CARRIED = STEADY + np.where(abs(np.arange(101) - 50) < 5, 0.2, 0.0)
     ("speed", "says"),
     [
         (WALL, r"rests from 7 s .* on, having swum at 1\.8 cm/s"),
+        (np.where(np.arange(101) < 75, 0.018, 0.0003), "rests from 8 s"),
         (CARRIED, r"moves at 1\d cm/s from [45] s .*1\.8 cm/s is its median"),
         (-CARRIED, r"moves at -1\d cm/s"),
         (STEADY + np.where(abs(np.arange(101) - 50) < 10, 0.06, 0.0), r"moves at 7"),
@@ -315,6 +316,7 @@ def test_a_stop_is_looked_for_in_the_whole_blocks_that_end_with_the_window_whene
     [
         STEADY,
         -STEADY,
+        np.where(np.arange(101) < 85, 0.018, 0.0003),  # for less than two blocks at the end
         0.0 * STEADY,
         0.3 * (1.0 - np.exp(-np.arange(101) / 20.0)),  # from rest, without settling
         np.where(np.arange(101) < 10, 0.014, 0.001),  # a first stroke of a fin that does not swim
