@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import time
 from typing import TYPE_CHECKING
 
@@ -52,6 +53,18 @@ def pytest_collection_finish() -> None:
 def pytest_unconfigure() -> None:
     """End at once: an interpreter's end would look through everything twice."""
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def signals_are_heard() -> None:
+    """Let what the tests start hear every signal: a shell's background and nohup hand on that some are ignored."""
+    for number, handler in (
+        (signal.SIGINT, signal.default_int_handler),
+        (signal.SIGHUP, lambda *_: None),  # ignored still, by who runs the tests alone: a handler is not handed on
+        (signal.SIGQUIT, lambda *_: None),
+    ):
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 @pytest.fixture

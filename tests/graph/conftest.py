@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import signal
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pytest
@@ -45,13 +44,6 @@ def clean_shared_memory() -> Iterator[None]:
     remove_stale_segments()
     yield
     remove_stale_segments()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def interrupts_are_heard() -> None:
-    """Let what the tests start hear Ctrl-C: who runs them in a shell's background hands on that it is ignored."""
-    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
