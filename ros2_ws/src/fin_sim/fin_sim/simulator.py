@@ -125,10 +125,8 @@ class Simulator:
             return
         stepper = self._stepper
         longest = longest_step(gait, self._number("drive.ramp_time"))
-        chain, every = (
-            stepper.chain.for_gait(gait),
-            max(stepper.every, dynamics.steps_a_sample(self._sample_time, longest)),
-        )
+        chain = stepper.chain.for_gait(gait)
+        every = max(stepper.every, dynamics.steps_a_sample(self._sample_time, longest))
         if (chain, every) != (stepper.chain, stepper.every):
             self._stepper = dynamics.stepper_of(chain, self._sample_time / every, every)
 
