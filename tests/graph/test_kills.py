@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from fin_optimizer.bags.integrity import MAGIC_SIZE
-from fin_optimizer.bags.reader import is_closed, read_bag
+from fin_optimizer.bags.own import is_closed
+from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.score.recorded import score_bag
 from fin_optimizer.study.candidate import candidates
 from fin_optimizer.study.records import read_trials

@@ -17,7 +17,8 @@ from fin_optimizer.bags import repair as repair_module
 from fin_optimizer.bags import writer as bag_module
 from fin_optimizer.bags.messages import BagError
 from fin_optimizer.bags.metadata import BagTopic
-from fin_optimizer.bags.reader import is_closed, read_bag
+from fin_optimizer.bags.own import is_closed
+from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.bags.repair import repair_bag, repair_bags
 from fin_optimizer.bags.writer import BagWriter
 from fin_optimizer.commands.repair_bags import main

@@ -7,6 +7,9 @@ metadata        what describes a bag as a whole
 model_messages  what a 3-D view needs, computed from what was recorded
 enrich          the same for bags that were recorded without it, in a copy
 reader          reads any bag, also one of other writers
+contents        what one file of it holds, and how far it is whole
+quality         what the publishers of a recorded topic offered
+own             which bags the optimiser recorded itself, and whether they were closed
 mcap_records    the records of an MCAP file, up to where it was cut off
 files           where a bag's files are
 integrity       what check sums tell

@@ -2,44 +2,23 @@
 
 from __future__ import annotations
 
-import io
-import os
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from mcap.exceptions import EndOfFile
-from mcap.records import Channel, Header, Message, Schema
-from mcap.stream_reader import StreamReader
-from mcap.writer import MCAP0_MAGIC
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
-from rosbags.rosbag2.errors import ReaderError
-from rosbags.rosbag2.metadata import parse_qos
-from zstandard import ZstdError
-
-from fin_optimizer.bags.files import (
-    RecordedTopic,
-    bag_files,
-    information,
-    mcap_content,
-    plain,
-    reading,
-    sqlite_messages,
-    sqlite_topics,
-)
-from fin_optimizer.bags.integrity import MAGIC_SIZE, Findings, check_information
-from fin_optimizer.bags.mcap_records import DAMAGE, goes_on, records, whole_records
+from fin_optimizer.bags.contents import contents_of, messages_of, plain_message
+from fin_optimizer.bags.files import RecordedTopic, bag_files, information
+from fin_optimizer.bags.integrity import check_information
 from fin_optimizer.bags.messages import VELOCITY_TYPE, BagError, decode, velocity_samples
-from fin_optimizer.bags.writer import LIBRARY
+from fin_optimizer.bags.quality import offered
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     import numpy as np
     from numpy.typing import NDArray
-
-_LONGEST_HEADER = 1024  # bytes from the file's beginning; ROS 2 and the optimiser write some sixty
+    from rosbags.interfaces import Qos
 
 
 @dataclass(frozen=True)
@@ -90,18 +69,12 @@ class Bag:
         return found[0]
 
     def offered(self, name: str) -> Qos:
-        """Return what the publishers of a topic offered, where it is not told what suits every listener.
-
-        Of several offers that differ the stronger one is taken, with which every listener can be content.
+        """Return what the publishers of a topic offered; see `fin_optimizer.bags.quality.offered`.
 
         Raises:
             BagError: No such topic.
         """
-        topic = self.topic(name)
-        try:
-            return _strongest(parse_qos(self.qos[topic]))
-        except (ReaderError, LookupError, TypeError, ValueError, AttributeError):
-            return _NOT_TOLD
+        return offered(self.qos[self.topic(name)])
 
     def messages(self, *names: str) -> Iterator[tuple[str, int, bytes]]:
         """Yield absolute topic, log time in ns and serialised message of the topics, in the order of their recording.
@@ -111,9 +84,9 @@ class Bag:
         """
         wanted = {self.topic(name) for name in names}
         for file in self.files:
-            for topic, log_time, data in _messages(file):
+            for topic, log_time, data in messages_of(file):
                 if topic in wanted:
-                    yield topic, log_time, _plain_message(file, topic, data)
+                    yield topic, log_time, plain_message(file, topic, data)
 
     def decoded(self, name: str, type_name: str | None = None) -> Iterator[tuple[int, Any]]:
         """Yield log time in ns and decoded message of one topic, which must have the given type.
@@ -150,38 +123,6 @@ class Bag:
         return self.topics[topic]
 
 
-_NO_TIME = QosTime(0, 0)
-_USUAL_DEPTH = 1000  # as a plant offers it: room for all that a fast player has on its way
-_NOT_TOLD = Qos(
-    QosHistory.KEEP_LAST,
-    _USUAL_DEPTH,
-    QosReliability.RELIABLE,
-    QosDurability.VOLATILE,
-    _NO_TIME,
-    _NO_TIME,
-    QosLiveliness.AUTOMATIC,
-    _NO_TIME,
-    avoid_ros_namespace_conventions=False,
-)
-
-
-def _strongest(offers: Sequence[Qos]) -> Qos:
-    """Return one offer for several; a recorder learns no history over the network, so most bags lack it."""
-    if not offers:
-        return _NOT_TOLD
-    offer = offers[0]
-    weak = all(item.reliability is QosReliability.BEST_EFFORT for item in offers)
-    latched = any(item.durability is QosDurability.TRANSIENT_LOCAL for item in offers)
-    offer = offer._replace(
-        reliability=QosReliability.BEST_EFFORT if weak else QosReliability.RELIABLE,
-        durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
-    )
-    depth = max(item.depth for item in offers)
-    if any(item.history is QosHistory.KEEP_ALL for item in offers):
-        return offer._replace(history=QosHistory.KEEP_ALL)
-    return offer._replace(history=QosHistory.KEEP_LAST, depth=depth if depth > 0 else _USUAL_DEPTH)
-
-
 def read_bag(path: Path) -> Bag:
     """Return the bag in a folder (or in a file), also one that a kill left open, and one of another program.
 
@@ -189,7 +130,7 @@ def read_bag(path: Path) -> Bag:
         BagError: There is no bag, or its bytes are damaged.
     """
     files = bag_files(path)
-    contents = [_contents(file) for file in files]
+    contents = [contents_of(file) for file in files]
     for file, content in zip(files[:-1], contents[:-1], strict=True):
         if not content.complete:
             msg = f"bag {file} is cut off, and the recording goes on in {files[-1].name}: what was between is missing"
@@ -257,93 +198,6 @@ def _is_alone(files: tuple[Path, ...]) -> bool:
         return False
 
 
-def _plain_message(file: Path, topic: str, data: bytes) -> bytes:
-    try:
-        return plain(data)
-    except ZstdError as error:
-        msg = f"bag {file} is damaged: a compressed message of {topic}: {error}; its messages cannot be trusted"
-        raise BagError(msg) from error
-
-
-@dataclass(frozen=True)
-class _Contents:
-    """What one file of a bag holds; topics with the number of their messages."""
-
-    topics: Sequence[tuple[RecordedTopic, int]]
-    metadata: Mapping[str, str]
-    complete: bool
-    whole_bytes: int
-    guarded: bool
-
-
-def _contents(file: Path) -> _Contents:
-    content = _content(file)
-    if content is None:
-        with reading(file):
-            return _Contents(sqlite_topics(file), {}, complete=True, whole_bytes=file.stat().st_size, guarded=False)
-    found = Findings(file)
-    schemas: dict[int, str] = {}
-    channels: dict[int, Channel] = {}
-    for record in records(file, content):
-        if isinstance(record, Message) and record.channel_id not in channels:
-            msg = f"bag {file} is damaged: a message of channel {record.channel_id}, which is not described"
-            raise BagError(msg)
-        found.note(record)
-        if isinstance(record, Schema):
-            schemas[record.id] = record.name
-        elif isinstance(record, Channel):
-            channels[record.id] = record
-    topics = [(_recorded(channel, schemas), found.counts[number]) for number, channel in channels.items()]
-    _, length, complete = whole_records(content)
-    if not complete and goes_on(content, length):
-        msg = f"bag {file} is damaged at byte {length}, and goes on behind that; its messages cannot be trusted"
-        raise BagError(msg)
-    guarded = found.check(content[:length], complete=complete)
-    return _Contents(topics, found.trial or {}, complete, length, guarded)
-
-
-def _recorded(channel: Channel, schemas: Mapping[int, str]) -> RecordedTopic:
-    qos = channel.metadata.get("offered_qos_profiles", "")
-    return RecordedTopic(channel.topic, schemas.get(channel.schema_id, ""), channel.message_encoding, qos)
-
-
-def _messages(file: Path) -> Iterator[tuple[str, int, bytes]]:
-    """Yield topic, log time in ns and recorded bytes of a file's messages.
-
-    Raises:
-        BagError: It cannot be read, or is damaged.
-    """
-    content = _content(file)
-    if content is None:
-        with reading(file):
-            yield from sqlite_messages(file)
-        return
-    channels: dict[int, str] = {}
-    for record in records(file, content):
-        if isinstance(record, Channel):
-            channels[record.id] = record.topic
-        elif isinstance(record, Message):
-            yield channels[record.channel_id], record.log_time, record.data
-
-
-def _content(file: Path) -> bytes | None:
-    """Return the plain bytes of an MCAP file, None for a SQLite file.
-
-    Raises:
-        BagError: It is neither, damaged, or cannot be read.
-    """
-    try:
-        with reading(file):
-            content = mcap_content(file)
-    except ZstdError as error:
-        msg = f"bag {file} is damaged: {error}; its messages cannot be trusted"
-        raise BagError(msg) from error
-    if content is not None and len(content) <= MAGIC_SIZE:
-        msg = f"bag {file} is empty: it was cut off before anything was written"
-        raise BagError(msg)
-    return content
-
-
 def bag_metadata(path: Path) -> dict[str, str]:
     """Return what describes the trial of a bag.
 
@@ -360,61 +214,3 @@ def read_velocity(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         BagError: There is no bag or no such topic, or its bytes are damaged.
     """
     return read_bag(path).velocity()
-
-
-def mcap_file(path: Path) -> Path:
-    """Return the one MCAP file that a path means, as the optimiser records them.
-
-    Raises:
-        BagError: There is no bag, or one of another program.
-    """
-    files = bag_files(path)
-    count = len(list(path.glob("*.mcap"))) if path.is_dir() else 1
-    if len(files) > 1 or count != 1:
-        msg = f"bag {path} is {count} MCAP files among {len(files)}, and one is needed"
-        raise BagError(msg)
-    return files[0]
-
-
-def is_own(path: Path) -> bool:
-    """Return whether the optimiser recorded a bag; one that was cut off before it could say so counts.
-
-    Raises:
-        BagError: There is no bag, or it cannot be read.
-    """
-    files = bag_files(path)
-    if len(files) > 1 or files[0].suffix != ".mcap":
-        return False
-    with reading(path), files[0].open("rb") as file:
-        begin = io.BytesIO(file.read(_LONGEST_HEADER))
-    if len(begin.getvalue()) <= MAGIC_SIZE:
-        return True
-    try:
-        first = next(iter(StreamReader(begin).records))
-    except EndOfFile:
-        return True
-    except DAMAGE:
-        return False
-    return isinstance(first, Header) and first.library.startswith(LIBRARY)
-
-
-def is_closed(path: Path) -> bool:
-    """Return whether the bag in a folder was closed: its file has its end, and ``metadata.yaml`` is there.
-
-    Raises:
-        BagError: There is no bag, or it cannot be read.
-    """
-    file = mcap_file(path)
-    try:
-        return file.with_name("metadata.yaml").exists() and _ends_as_closed(file)
-    except OSError as error:
-        msg = f"cannot read bag {path}: {error.strerror or error}"
-        raise BagError(msg) from error
-
-
-def _ends_as_closed(file: Path) -> bool:
-    """Look at the last bytes alone: a study has thousands of bags."""
-    with file.open("rb") as stream:
-        size = stream.seek(0, os.SEEK_END)
-        stream.seek(max(0, size - MAGIC_SIZE))
-        return size > 2 * MAGIC_SIZE and stream.read() == MCAP0_MAGIC

@@ -15,7 +15,8 @@ from fin_optimizer.bags.files import bags_in
 from fin_optimizer.bags.integrity import MAGIC_SIZE
 from fin_optimizer.bags.messages import BagError, without_name
 from fin_optimizer.bags.metadata import BagTopic
-from fin_optimizer.bags.reader import is_closed, is_own, mcap_file, read_bag
+from fin_optimizer.bags.own import is_closed, is_own, mcap_file
+from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.bags.writer import BagWriter, lock
 
 if TYPE_CHECKING:
