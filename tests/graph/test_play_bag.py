@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 from fin_optimizer.bags.messages import header_stamp
 from fin_optimizer.bags.reader import read_bag
 from fin_optimizer.bags.writer import BagWriter
-from fin_optimizer.commands.play_bag import Player, parser
-from fin_optimizer.play_display import PlayDisplay
+from fin_optimizer.player.display import PlayDisplay
+from fin_optimizer.player.node import Options, Player
 from fin_optimizer.score.mean_speed import Measurement, score
 from fin_optimizer.score.recorded import recorded_swim, score_bag
 from fin_optimizer.score.swim import start_of_swim
@@ -224,8 +224,7 @@ def test_the_clock_comes_before_the_messages_of_its_time_and_every_round_is_late
 
     rclpy.init(domain_id=ros_domain)
     try:
-        words = [str(swim), "--rate", rate, "--loop", "--quiet", "--topics", "velocity"]
-        player = Player(read_bag(swim), parser().parse_args(words))
+        player = Player(read_bag(swim), Options(("velocity",), float(rate), loop=True, quiet=True))
         publishers = {name: Witness(each, "velocity") for name, each in player._publishers.items()}
         monkeypatch.setattr(player, "_publishers", publishers)
         monkeypatch.setattr(player, "_clock", Witness(player._clock, "clock"))

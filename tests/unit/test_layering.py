@@ -30,6 +30,8 @@ ROS_MODULES = {
     "fin_optimizer.commands.play_bag",
     "fin_optimizer.announcer",
     "fin_optimizer.optimizer",
+    "fin_optimizer.player.choice",
+    "fin_optimizer.player.node",
     "fin_optimizer.trial.observer",
     "fin_optimizer.trial.plant_client",
     "fin_optimizer.trial.recorder",

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fin_optimizer.bags.messages import header_stamp, shift_header
-from fin_optimizer.bags.playback import LONGEST_SILENCE, STEP, Playback
+from fin_optimizer.player.playback import LONGEST_SILENCE, STEP, Playback
 from support.bags import SECOND, START, velocity
 
 HOUR = 3600 * SECOND

@@ -114,7 +114,7 @@ def test_the_services_that_are_documented_are_those_that_the_nodes_offer() -> No
             "fin_servo_driver/fin_servo_driver/emergency_stop.py",
         ),
         "optimizer": ("fin_optimizer/fin_optimizer/optimizer.py",),
-        "player": ("fin_optimizer/fin_optimizer/commands/play_bag.py",),
+        "player": ("fin_optimizer/fin_optimizer/player/node.py",),
     }
     offered = set()
     for node, paths in files.items():

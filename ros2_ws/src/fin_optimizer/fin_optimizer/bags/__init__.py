@@ -14,6 +14,5 @@ mcap_records    the records of an MCAP file, up to where it was cut off
 files           where a bag's files are
 integrity       what check sums tell
 repair          closes bags that were left open
-playback        when which message is played
 disk_space      whether there is room for one more
 """
