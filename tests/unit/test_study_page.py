@@ -15,7 +15,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from fin_optimizer.goals import Goals
-from fin_optimizer.report import figures
+from fin_optimizer.report import marks
 from fin_optimizer.report.film import film_of
 from fin_optimizer.report.page import html_of, unwrapped
 from fin_optimizer.report.parts import Facts, Film, Page, Plot, Section, Table
@@ -153,7 +153,7 @@ def test_of_ten_thousand_trials_the_fastest_stand_in_the_table_and_no_plot_has_m
     assert min(s for s in speeds if s is not None) == pytest.approx(0.01 + 1e-6 * 9600)
     assert "400 best of 10900" in table.note
     for plot in of_kind(page, Plot):
-        assert all(len(trace["x"]) <= figures.MOST for trace in plot.figure["data"] if trace.get("mode") == "markers")
+        assert all(len(trace["x"]) <= marks.MOST for trace in plot.figure["data"] if trace.get("mode") == "markers")
     (refused,) = section(page, "refused").blocks
     assert isinstance(refused, Table)
     assert refused.rows[0][1].text == "900"

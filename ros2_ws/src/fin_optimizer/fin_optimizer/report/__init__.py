@@ -7,7 +7,9 @@ study_page      the page of a study
 campaign_page   the page of a campaign
 space_campaign_page  of one over the space of a file
 comparison_page the page of several studies
-figures         plots, as plotly's data
+study_figures   the plots of one study, as plotly's data
+several_figures those of several studies and of a campaign's runs
+marks           what plots are made of: axes, points, lines
 parts           what a page is made of
 transfer        how far simulated speeds carry over to measured ones, as numbers
 page            the file: `page.html.jinja` filled in, with `page.css`, `page.js` and plotly's own bundle

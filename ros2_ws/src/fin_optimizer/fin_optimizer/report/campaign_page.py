@@ -9,7 +9,7 @@ import numpy as np
 
 from fin_optimizer.paper import comparison
 from fin_optimizer.paper.experiments import DURATION, EXPERIMENTS, shaped
-from fin_optimizer.report import figures
+from fin_optimizer.report import several_figures
 from fin_optimizer.report.film import film_of
 from fin_optimizer.report.parts import Cell, Column, Facts, Film, Page, Plot, Section, Table
 from fin_optimizer.report.simulated import numbers_of
@@ -102,7 +102,7 @@ def _progress(results: Results, done: Sequence[str]) -> Section | None:
     if not curves:
         return None
     says = "The best speed so far over the number of swims: mean of the runs, and from the least to the largest."
-    return Section("progress", "Progress of the searches", (), [Plot(figures.ranges(curves), says, 420)])
+    return Section("progress", "Progress of the searches", (), [Plot(several_figures.ranges(curves), says, 420)])
 
 
 def _over_stiffness(results: Results, done: Sequence[str]) -> Section | None:
@@ -117,7 +117,7 @@ def _over_stiffness(results: Results, done: Sequence[str]) -> Section | None:
             found.append((f"best of each run, {experiment}", best["young_modulus"] / _GIGA, best["speed"] / CM))
     if not curves and not found:
         return None
-    plot = figures.curves_and_points(curves, found, "Young's modulus E (GPa)")
+    plot = several_figures.curves_and_points(curves, found, "Young's modulus E (GPa)")
     says = "Speed over Young's modulus: the landscape as lines, and what the searches found as marks."
     return Section("searched", "Speed over Young's modulus", (), [Plot(plot, says, 420)])
 
@@ -136,7 +136,7 @@ def _landscape(results: Results, done: Sequence[str]) -> Section | None:
         if experiment in done:
             best = comparison.bests(results, experiment)
             found.append((f"best of each run, {experiment}", best["young_modulus"] / _GIGA, best["length"] / _CENTI))
-    plot = figures.map_and_points(behind, found, "Young's modulus E (GPa)", "length (cm)")
+    plot = several_figures.map_and_points(behind, found, "Young's modulus E (GPa)", "length (cm)")
     says = "Stiffness and shape at constant area" + ("; behind the bests the simulator's speed." if behind else ".")
     return Section("shape", "Stiffness and shape", (), [Plot(plot, says, 480)])
 
@@ -165,7 +165,7 @@ def _repeats(results: Results, done: Sequence[str]) -> Section | None:
         Column("standard deviation", "cm/s"),
         Column("largest", "cm/s"),
     ]
-    plot = Plot(figures.spread_of_runs(some), "The best speed of each run.")
+    plot = Plot(several_figures.spread_of_runs(some), "The best speed of each run.")
     return Section("repeats", "How far runs differ", (), [plot, Table(columns, rows)])
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from fin_optimizer.goals import Goals
-from fin_optimizer.report import figures
+from fin_optimizer.report import several_figures
 from fin_optimizer.report.parts import Cell, Column, Facts, Page, Plot, Section, Table
 from fin_optimizer.report.study_page import lead
 from fin_optimizer.words import CM, in_words, show_speed, show_values
@@ -84,9 +84,9 @@ def _progress(names: Sequence[str], studies: Sequence[StudyFacts]) -> Section | 
     if not known:
         return None
     some = [(name, study.trials) for name, study in known]
-    over = Plot(figures.progress_of_several(some), "The best speed so far, over the number of the trial.")
+    over = Plot(several_figures.progress_of_several(some), "The best speed so far, over the number of the trial.")
     all_fins = Plot(
-        figures.spread_of_several([(name, study.scored) for name, study in known]),
+        several_figures.spread_of_several([(name, study.scored) for name, study in known]),
         "The speed of every fin with a score; the box holds the middle half of them.",
     )
     return Section("progress", "Progress of the searches", (), [over, all_fins])
@@ -102,7 +102,7 @@ def _searched(names: Sequence[str], studies: Sequence[StudyFacts]) -> Section | 
     for (parameter, _), some in kinds.items():
         if len(some) > 1:
             fins = [(names.index(name), name, study.settings.space, study.scored) for name, study in some]
-            plot = figures.over_of_several(parameter, fins)
+            plot = several_figures.over_of_several(parameter, fins)
             blocks.append(Plot(plot, f"Speed over {in_words(parameter)[0]}.", 400, is_half=True))
     if not blocks:
         return Section("searched", "Speed over what was searched", ["No two of them have searched the same parameter."])

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fin_optimizer.paper.space_campaign import swim_candidates
-from fin_optimizer.report.figures import some_of
 from fin_optimizer.report.film import film_of
+from fin_optimizer.report.marks import some_of
 from fin_optimizer.report.parts import Cell, Column, Page, Section, Table
 from fin_optimizer.report.simulated import Simulated, curves_through, map_of, numbers_of
 from fin_optimizer.report.study_facts import StudyFacts
 from fin_optimizer.report.study_page import study_page
 from fin_optimizer.search.rules import gait_of
-from fin_optimizer.study.candidate import Candidate, TrialRecord, best_of, candidates
+from fin_optimizer.study.candidate import Candidate, TrialRecord, best_of, candidates, improvements
 from fin_optimizer.study.settings import Settings
 from fin_optimizer.trial.result import Outcome
 from fin_optimizer.words import show_values
@@ -79,11 +78,8 @@ def space_campaign_page(
 
 def _turns(trials: Sequence[TrialRecord], goals: Goals) -> Iterator[TrialRecord]:
     """Yield the trials that are better than all before them, and the first without a value."""
-    good = -math.inf
-    for trial in trials:
-        if trial.measured and not goals.missed(trial.measured) and (own := goals.objectives(trial.measured)[0]) > good:
-            good = own
-            yield trial
+    allowed = (trial for trial in trials if trial.measured and not goals.missed(trial.measured))
+    yield from improvements(goals.measures[0], allowed)
     yield from [trial for trial in trials if not trial.measured][:1]
 
 

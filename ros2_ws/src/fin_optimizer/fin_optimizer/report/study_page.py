@@ -8,7 +8,8 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from fin_optimizer.goals import MEAN_SPEED, MEASURES
-from fin_optimizer.report import figures
+from fin_optimizer.report import study_figures
+from fin_optimizer.report.marks import some_of
 from fin_optimizer.report.parts import Cell, Column, Facts, Film, Page, Plot, Section, Table
 from fin_optimizer.report.simulated import DEFAULT_FISH
 from fin_optimizer.study.candidate import front, rank
@@ -75,7 +76,7 @@ def _told(goal: Measure, candidate: Candidate) -> str:
     if swims == 1:
         return told
     unit, factor = goal.shown_in
-    spread = f"{figures.spread_of(goal, candidate) / factor:.2g} {unit}".rstrip()
+    spread = f"{study_figures.spread_of(goal, candidate) / factor:.2g} {unit}".rstrip()
     return f"{told} with a standard deviation of {spread} between {swims} swims"
 
 
@@ -110,7 +111,7 @@ def _progress(facts: StudyFacts) -> Section:
     said += f" The search is {algorithm}." if algorithm else ""
     if facts.best is None:
         said = "No trial has a score; the marks at the bottom are trials without one."
-    plot = Plot(figures.progress(facts.settings.goals, facts.trials, facts.best), said)
+    plot = Plot(study_figures.progress(facts.settings.goals, facts.trials, facts.best), said)
     return Section("progress", "Progress of the search", (), [plot])
 
 
@@ -135,31 +136,31 @@ def _searched(facts: StudyFacts, best: Candidate) -> Section:
         mapped = simulated.map if simulated is not None else None
         what = "The first two parameters" if len(space.dimensions) > _MAY_REPEAT else "Both parameters"
         behind = "; behind the fins what the simulator swims" if mapped is not None else ""
-        plot = figures.chart(goal, space, facts.scored, best, mapped)
+        plot = study_figures.chart(goal, space, facts.scored, best, mapped)
         blocks.append(Plot(plot, f"{what}, {goal.words} as colour{behind}.", 440))
     for dimension in space.dimensions:
         curve = curves.get(dimension.name)
-        plot = figures.over(goal, dimension, facts.scored, best, curve)
+        plot = study_figures.over(goal, dimension, facts.scored, best, curve)
         blocks.append(
             Plot(plot, f"{goal.words.capitalize()} over {in_words(dimension.name)[0]}.", 360, is_half=several)
         )
     if several:
-        shown = min(len(facts.scored), figures.LINES)
+        shown = min(len(facts.scored), study_figures.LINES)
         told = f"Each line is a fin, {shown} of them; what stands out is good."
-        blocks.append(Plot(figures.parallel(goal, space, facts.scored, best), told))
-        some = [facts.scored[place] for place in figures.some_of(len(facts.scored))]
+        blocks.append(Plot(study_figures.parallel(goal, space, facts.scored, best), told))
+        some = [facts.scored[place] for place in some_of(len(facts.scored))]
         good = [goal.direction * c.measured[goal.name] for c in some]
         shares = importances(space, [c.values for c in some], good)
         if shares:
             told = "Which parameter decides: how far the best tenth of the fins differs from all in each (PED-ANOVA)."
-            blocks.append(Plot(figures.importance(shares), told, 120 + 40 * len(shares)))
+            blocks.append(Plot(study_figures.importance(shares), told, 120 + 40 * len(shares)))
     goals = facts.settings.goals.measures
     if len(goals) > 1:
         chosen = front(facts.tried)
         told = f"Fins than which none is better in {goals[0].words} and {goals[1].words} at once: the Pareto front."
         if len(goals) > len(goals[:2]):
             told = f"The Pareto front of {', '.join(goal.words for goal in goals)}; here the first two of them."
-        blocks.append(Plot(figures.front(facts.tried, chosen, goals[:2]), told))
+        blocks.append(Plot(study_figures.front(facts.tried, chosen, goals[:2]), told))
     return Section("searched", f"{goal.words.capitalize()} over what was searched", [said], blocks)
 
 
@@ -174,13 +175,15 @@ def _repeats(facts: StudyFacts) -> Section:
         return Section("repeats", "Repeats", [said])
     some = sorted(repeated, key=rank, reverse=True)[:_REPEATED]
     unit, factor = facts.goal.shown_in
-    spreads = [figures.spread_of(facts.goal, candidate) / factor for candidate in repeated]
+    spreads = [study_figures.spread_of(facts.goal, candidate) / factor for candidate in repeated]
     said = (
         f"{counted(len(repeated), 'fin')} swam more than once; the standard deviation between the swims of a fin is "
         f"{statistics.median(spreads):.2g} {unit} (median), at most {max(spreads):.2g} {unit}."
     )
     of = f"The {len(some)} best of them" if len(some) < len(repeated) else "All of them"
-    return Section("repeats", "Repeats", [said], [Plot(figures.repeats(facts.goal, some), f"{of}, the best first.")])
+    return Section(
+        "repeats", "Repeats", [said], [Plot(study_figures.repeats(facts.goal, some), f"{of}, the best first.")]
+    )
 
 
 def _best_fin(facts: StudyFacts) -> Section | None:
@@ -210,7 +213,7 @@ def _against(facts: StudyFacts) -> Section | None:
         said = "Measured is what the plant swam; simulated is the simulator with "
         said += f"{facts.simulated.swimmer} and the same fin and gait."
     plot = Plot(
-        figures.against(facts.simulated.measure, facts.pairs),
+        study_figures.against(facts.simulated.measure, facts.pairs),
         "On the dashed line both are equal; bars are one standard deviation between a fin's swims.",
     )
     return Section("measured", "Simulated against measured", [said, facts.transfer.text], [plot])

@@ -13,7 +13,7 @@ from fin_optimizer.search.space import Evaluation, Values, pareto_front
 from fin_optimizer.trial.result import Outcome
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from datetime import datetime
 
     from fin_optimizer.goals import Measure
@@ -172,3 +172,13 @@ def front(tried: Sequence[Candidate]) -> list[Candidate]:
     """Return the candidates of the Pareto front of all goals, the best by the first goal first."""
     chosen = [tried[index] for index in pareto_front([candidate.evaluation for candidate in tried])]
     return sorted(chosen, key=rank, reverse=True)
+
+
+def improvements(goal: Measure, scored: Iterable[TrialRecord]) -> Iterator[TrialRecord]:
+    """Yield the trials with a score that are better than all before them."""
+    best = -math.inf
+    for trial in scored:
+        good = goal.direction * trial.measured[goal.name]
+        if good > best:
+            best = good
+            yield trial
