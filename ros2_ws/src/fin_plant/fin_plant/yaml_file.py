@@ -27,7 +27,7 @@ class _Loader(yaml.SafeLoader):
     """Loads text, numbers, true, false, null, lists and mappings; each key once, and nothing by reference."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # PyYAML has no types here  # type: ignore[no-untyped-call]  # PyYAML's stubs have no type for it
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]  # PyYAML has no types here
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
             _refuse("anchors and references (& and *) are not read here: write the value out", event.start_mark)
         if getattr(event, "tag", None) not in {None, "!"}:
