@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive, carangiform
+from fin_plant.gait import PAPER_GAIT, Gait, JointDrive, carangiform
+from fin_plant.gait_follower import GaitFollower
 from fin_sim import dynamics
 from fin_sim.batch import Status, swim_batch
 from fin_sim.batch import step as method

@@ -14,7 +14,8 @@ import scipy.integrate
 
 from fin_plant import validity
 from fin_plant.fin import Fin, ProfiledFin
-from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive
+from fin_plant.gait import PAPER_GAIT, Gait, JointDrive
+from fin_plant.gait_follower import GaitFollower
 from fin_sim import dynamics
 from fin_sim.batch import TOLERANCES, BatchSwim, Status, swim_batch
 from fin_sim.batch.columns import fin_columns

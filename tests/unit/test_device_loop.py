@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_plant.gait import PAPER_GAIT, smooth_step
+from fin_plant.gait import PAPER_GAIT
+from fin_plant.gait_follower import smooth_step
 from fin_servo_driver import backends, device_loop, robot_file
 from fin_servo_driver.device_loop import DeviceLoop
 from fin_servo_driver.emulator import packets

@@ -89,6 +89,7 @@ CORE_MODULES = {
     "fin_plant.checks",
     "fin_plant.fin",
     "fin_plant.gait",
+    "fin_plant.gait_follower",
     "fin_plant.parameters",
     "fin_sim.case",
     "fin_sim.chain",

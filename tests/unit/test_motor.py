@@ -15,7 +15,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
 
-from fin_plant.gait import Gait, GaitFollower, JointDrive
+from fin_plant.gait import Gait, JointDrive
+from fin_plant.gait_follower import GaitFollower
 from fin_sim import dynamics, swim_command
 from fin_sim.angular_momentum import angular_momentum_budget
 from fin_sim.batch import Status, swim_batch

@@ -17,7 +17,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from fin_plant.fin import FIN_PARAMETERS, Fin
-from fin_plant.gait import Gait, GaitFollower, JointDrive, carangiform
+from fin_plant.gait import Gait, JointDrive, carangiform
+from fin_plant.gait_follower import GaitFollower
 from fin_sim import closed_forms, dynamics
 from fin_sim.chain import build_chain
 from fin_sim.energy import energy_budget

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_plant.gait import Gait, GaitFollower, JointDrive
+from fin_plant.gait import Gait, JointDrive
+from fin_plant.gait_follower import GaitFollower
 from fin_servo_driver.relay import HIGHEST_FREQUENCY, LEFT, OFF, RIGHT, RelayMotion, RelaySwitch
 from fin_servo_driver.robot_file import RelayJoint, RelayTiming
 from fin_servo_driver.tail import Command, Phase, Settings, Tail

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower, JointDrive, gait_preset, sub_carangiform, three_level
+from fin_plant.gait import PAPER_GAIT, Gait, JointDrive, gait_preset, sub_carangiform
+from fin_plant.gait_follower import GaitFollower, three_level
 from fin_sim.servo import Servo, TailDrive
 from fin_sim.swim import SIMULATOR_PARAMETERS, swim
 

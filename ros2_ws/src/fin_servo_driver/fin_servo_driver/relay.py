@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fin_plant.gait import GaitFollower, JointLimits, require_rows
+from fin_plant.gait import JointLimits, require_rows
+from fin_plant.gait_follower import GaitFollower
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

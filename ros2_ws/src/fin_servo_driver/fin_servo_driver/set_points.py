@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from fin_plant.gait import GaitFollower, JointLimits, smooth_step
+from fin_plant.gait import JointLimits
+from fin_plant.gait_follower import GaitFollower, smooth_step
 from fin_servo_driver.safety import SetPointLimiter
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fin_plant.gait import smooth_step
+from fin_plant.gait_follower import smooth_step
 from fin_servo_driver.safety import CommandWatchdog
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from fin_plant.gait import GaitFollower
+    from fin_plant.gait_follower import GaitFollower
 
 Waveform = Literal["sine", "three_level"]
 WAVEFORMS = ("sine", "three_level")

@@ -18,7 +18,8 @@ from fin_plant import node_process, topics, validity
 from fin_plant.discovery import ends_of, no_fresh_gait
 from fin_plant.fin import Fin, node_table
 from fin_plant.frames import Pose
-from fin_plant.gait import Gait, GaitFollower
+from fin_plant.gait import Gait
+from fin_plant.gait_follower import GaitFollower
 from fin_plant.messages import (
     as_text,
     gait_from_message,

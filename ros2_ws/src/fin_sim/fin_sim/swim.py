@@ -8,7 +8,8 @@ import numpy as np
 
 from fin_plant import checks
 from fin_plant.fin import Fin
-from fin_plant.gait import PAPER_GAIT, Gait, GaitFollower
+from fin_plant.gait import PAPER_GAIT, Gait
+from fin_plant.gait_follower import GaitFollower
 from fin_plant.parameters import load_table
 from fin_sim import dynamics
 from fin_sim.chain import Chain, Clamp, Reactive, build_chain

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fin_plant.gait import GaitFollower
+from fin_plant.gait_follower import GaitFollower
 from fin_plant.start import interrupt_held_back
 from fin_sim.chain import fin_links
 from fin_sim.swim import RAMP_TIME, SIMULATOR_PARAMETERS

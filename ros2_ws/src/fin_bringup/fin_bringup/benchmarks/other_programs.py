@@ -10,7 +10,8 @@ import scipy.integrate
 
 from fin_bringup.benchmarks import mujoco_fish
 from fin_bringup.benchmarks.measuring import DURATION, MODULI, PAPER, core_time
-from fin_plant.gait import PAPER_GAIT, GaitFollower
+from fin_plant.gait import PAPER_GAIT
+from fin_plant.gait_follower import GaitFollower
 from fin_sim import dynamics
 from fin_sim.chain import build_chain
 from fin_sim.swim import RAMP_TIME, swim

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from fin_optimizer.trial.phases import PHASES, Action, Course, Rule, because, fin_differences, is_in, no_plant, says
 from fin_optimizer.trial.result import Outcome, Result
-from fin_plant.gait import LONGEST_RAMP
+from fin_plant.gait_follower import LONGEST_RAMP
 from fin_plant.plant_state import State
 from fin_plant.stamps import NANOSECONDS
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_plant.fin import Fin
-from fin_plant.gait import GaitFollower, smooth_step
+from fin_plant.gait_follower import GaitFollower, smooth_step
 from fin_sim.batch.kernel import generate
 from fin_sim.batch.links import lane_constants, link_columns, normal_drags
 from fin_sim.batch.proven import PROVEN_ANGLE

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
 from fin_plant.figures import new_figure, own_style
-from fin_plant.gait import Gait, GaitFollower, JointDrive
+from fin_plant.gait import Gait, JointDrive
+from fin_plant.gait_follower import GaitFollower
 from fin_sim import dynamics
 from fin_sim.chain import Chain
 from fin_sim.fish import Body, Link, Water
