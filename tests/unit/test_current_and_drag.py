@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fin_plant.gait import Gait, JointDrive
-from fin_sim import dynamics
+from fin_sim import dynamics, time_stepping
 from fin_sim.batch import Status, swim_batch
 from fin_sim.chain import Chain
 from fin_sim.energy import energy_budget
@@ -102,7 +102,7 @@ def test_coasting_against_linear_and_quadratic_drag_has_the_closed_form() -> Non
     linear, speed, span = 0.02, 0.3, 8.0
     body = replace(BODY, linear_drag=linear)
     chain = Chain(body, (Link(1e-4, 1e-6, 1e-6),), (True,), STILL)
-    stepper = dynamics.Stepper(chain, 1e-3, 1000)
+    stepper = time_stepping.Stepper(chain, 1e-3, 1000)
     state = stepper.start()
     state[dynamics.SURGE] = speed
     states, _ = stepper.advance(state, np.zeros((2 * 1000 * int(span) + 1, 1, 3)))

@@ -96,6 +96,7 @@ CORE_MODULES = {
     "fin_sim.dynamics",
     "fin_sim.fish",
     "fin_sim.swim",
+    "fin_sim.time_stepping",
 }
 MAY_IMPORT = {
     "fin_plant": set[str](),

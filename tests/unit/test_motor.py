@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_simpson
 
 from fin_plant.gait import Gait, JointDrive
 from fin_plant.gait_follower import GaitFollower
-from fin_sim import dynamics, swim_command
+from fin_sim import dynamics, swim_command, time_stepping
 from fin_sim.angular_momentum import angular_momentum_budget
 from fin_sim.batch import Status, swim_batch
 from fin_sim.chain import Chain, build_chain
@@ -46,7 +46,7 @@ def turned(motor: Motor, link: Link, target: float, duration: float) -> tuple[ND
 
     Time, angle, rate, torque at the shaft and electrical power.
     """
-    stepper = dynamics.Stepper(Chain(BODY, (link,), (True,), AIR, clamp="fixed", motor=motor), 1e-3)
+    stepper = time_stepping.Stepper(Chain(BODY, (link,), (True,), AIR, clamp="fixed", motor=motor), 1e-3)
     steps = round(duration / 1e-3)
     motion = np.zeros((2 * steps + 1, 1, 3))
     motion[:, :, 0] = target

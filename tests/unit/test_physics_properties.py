@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.gait import Gait, JointDrive, carangiform
 from fin_plant.gait_follower import GaitFollower
-from fin_sim import closed_forms, dynamics
+from fin_sim import closed_forms, dynamics, time_stepping
 from fin_sim.chain import build_chain
 from fin_sim.energy import energy_budget
 from fin_sim.fish import ellipsoid_added_mass_factors
@@ -78,7 +78,7 @@ def fins(draw: st.DrawFn) -> Fin:
 def _start(fin: Fin, gait: Gait, *, x: float = 0.0, y: float = 0.0, heading: float = 0.0) -> NDArray[np.float64]:
     """Return the states of 2 s from a start elsewhere in the tank."""
     chain = build_chain(PAPER_FISH, fin)
-    stepper = dynamics.Stepper(chain, 2e-3, 10)
+    stepper = time_stepping.Stepper(chain, 2e-3, 10)
     follower = GaitFollower(1, 0.5)
     follower.command(gait, 0.0)
     state = stepper.start()
@@ -241,9 +241,9 @@ def test_fin_that_flutters_gets_a_shorter_step() -> None:
         damping_time=0.0,
     )
     chain = build_chain(PAPER_FISH, fin, clamp="towed", tow_speed=0.05)
-    stepper, follower = dynamics.Stepper(chain, 2e-3, 5), GaitFollower(1, 0.5)
+    stepper, follower = time_stepping.Stepper(chain, 2e-3, 5), GaitFollower(1, 0.5)
     follower.command(carangiform(math.radians(15.0), 0.9), 0.0)
-    with pytest.raises(dynamics.StepError, match="use a shorter step"):
+    with pytest.raises(time_stepping.StepError, match="use a shorter step"):
         stepper.advance(stepper.start(), follower.motion(stepper.half_step_times(200)))
     result = swim(fin, duration=2.0, clamp="towed", tow_speed=0.05, step=2e-3)
     assert np.isfinite(result.joint_angles).all()

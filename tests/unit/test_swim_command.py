@@ -16,8 +16,8 @@ from PIL import Image
 from fin_plant.fin import Fin
 from fin_plant.gait import carangiform
 from fin_sim import swim_command
-from fin_sim.dynamics import StepError
 from fin_sim.swim import swim
+from fin_sim.time_stepping import StepError
 from fin_sim.variation import Axis, SwimPlan, parse_axis, swim_all, swim_one, varied_plans
 
 if TYPE_CHECKING:

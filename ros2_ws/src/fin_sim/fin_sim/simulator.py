@@ -43,7 +43,7 @@ from fin_plant.plant_state import (
     PlantState,
     State,
 )
-from fin_sim import dynamics
+from fin_sim import dynamics, time_stepping
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
 from fin_sim.fish_shape import description
@@ -74,7 +74,7 @@ _SLOWEST_PACE = 0.01
 _NO_WAIT = Duration(seconds=0.0)
 
 
-def build_stepper(values: Mapping[str, Value]) -> dynamics.Stepper:
+def build_stepper(values: Mapping[str, Value]) -> time_stepping.Stepper:
     """Return the chain of these parameters, ready to be advanced from sample to sample.
 
     Raises:
@@ -84,8 +84,8 @@ def build_stepper(values: Mapping[str, Value]) -> dynamics.Stepper:
     fish, fin = Fish.from_parameters(values), Fin.from_parameters(values)
     chain = build_chain(fish, fin, reactive=values["reactive"])  # type: ignore[arg-type]
     sample_time = 1.0 / cast("float", values["sample_rate"])
-    every = dynamics.steps_a_sample(sample_time, min(cast("float", values["step"]), chain.longest_step))
-    return dynamics.stepper_of(chain, sample_time / every, every)
+    every = time_stepping.steps_a_sample(sample_time, min(cast("float", values["step"]), chain.longest_step))
+    return time_stepping.stepper_of(chain, sample_time / every, every)
 
 
 class Simulator:
@@ -98,7 +98,7 @@ class Simulator:
             ValueError: A start parameter that is refused.
         """
         self.node = create_node("simulator")
-        self._built: tuple[dict[str, Value], dynamics.Stepper] | None = None
+        self._built: tuple[dict[str, Value], time_stepping.Stepper] | None = None
         self._parameters = NodeParameters(
             self.node, PARAMETERS, validate=self._build, on_change=self._parameters_changed
         )
@@ -114,7 +114,7 @@ class Simulator:
 
     # -- set-up ------------------------------------------------------------------------------------------------------
 
-    def _build(self, values: Mapping[str, Value]) -> dynamics.Stepper:
+    def _build(self, values: Mapping[str, Value]) -> time_stepping.Stepper:
         """Return the stepper of these parameters; the one that was checked last is the one that is then taken."""
         if self._built is None or self._built[0] != values:
             self._built = dict(values), build_stepper(values)
@@ -127,9 +127,9 @@ class Simulator:
         stepper = self._stepper
         longest = longest_step(gait, self._number("drive.ramp_time"))
         chain = stepper.chain.for_gait(gait)
-        every = max(stepper.every, dynamics.steps_a_sample(self._sample_time, longest))
+        every = max(stepper.every, time_stepping.steps_a_sample(self._sample_time, longest))
         if (chain, every) != (stepper.chain, stepper.every):
-            self._stepper = dynamics.stepper_of(chain, self._sample_time / every, every)
+            self._stepper = time_stepping.stepper_of(chain, self._sample_time / every, every)
 
     def _number(self, name: str) -> float:
         return cast("float", self._values[name])
@@ -322,7 +322,7 @@ class Simulator:
             return
         try:
             states, records = self._swim(samples)
-        except (dynamics.StepError, validity.FoldedError) as error:
+        except (time_stepping.StepError, validity.FoldedError) as error:
             self._rest()
             self._set_state(State.FAULT, f"{error}; call ~/request_reset")
             self.node.get_logger().error(self._reason)
@@ -356,13 +356,13 @@ class Simulator:
                 if isinstance(getattr(error, "time", None), float):
                     error.time += self._fish_time  # type: ignore[attr-defined]
                 raise
-            except dynamics.StepError as error:
+            except time_stepping.StepError as error:
                 if self._refinements == _MOST_REFINEMENTS:
-                    raise dynamics.StepError(self._fish_time + error.time) from error
+                    raise time_stepping.StepError(self._fish_time + error.time) from error
             self._refinements += 1
             self._fish_state[:], self._tail.state = start, servos
             every = 4 * self._stepper.every
-            self._stepper = dynamics.stepper_of(self._stepper.chain, self._sample_time / every, every)
+            self._stepper = time_stepping.stepper_of(self._stepper.chain, self._sample_time / every, every)
             self.node.get_logger().info(f"step shortened to {self._stepper.step:g} s: this fin needs it")
 
     @property

@@ -11,7 +11,7 @@ from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, Gait
 from fin_plant.gait_follower import GaitFollower
 from fin_plant.parameters import load_table
-from fin_sim import dynamics
+from fin_sim import dynamics, time_stepping
 from fin_sim.chain import Chain, Clamp, Reactive, build_chain
 from fin_sim.fish import Fish
 from fin_sim.servo import Servo, TailDrive
@@ -97,9 +97,9 @@ def swim_chain(
     step = min(checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True), chain.longest_step)
     _refuse_too_many_steps(len(chain.links), duration, min(step, sample_time))
     samples = max(1, round(duration / sample_time))
-    every = dynamics.steps_a_sample(duration / samples, step)
+    every = time_stepping.steps_a_sample(duration / samples, step)
     chain = chain.for_gait(gait)
-    stepper = dynamics.stepper_of(chain, duration / (samples * every), every, quick=quick)
+    stepper = time_stepping.stepper_of(chain, duration / (samples * every), every, quick=quick)
     follower = GaitFollower(sum(chain.driven), ramp_time, as_asked=True)
     follower.command(gait, 0.0)
     motion = TailDrive(follower, servo).motion(stepper.half_step_times(samples))
@@ -173,6 +173,6 @@ def swim(
             return swim_chain(
                 chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time
             )
-        except dynamics.StepError:
+        except time_stepping.StepError:
             step = 0.25 * min(step, sample_time or _default_sample_time(chain, gait, duration))
     return swim_chain(chain, gait, duration, servo=servo, ramp_time=ramp_time, step=step, sample_time=sample_time)

@@ -27,11 +27,11 @@ from fin_plant.parameters import ParameterTable
 from fin_plant.paths import check_output, given_path
 from fin_sim import case as case_files
 from fin_sim.chain import CLAMPS, REACTIVE_FORMS
-from fin_sim.dynamics import StepError
 from fin_sim.ideal_2d.errors import MassError, StrokeError
 from fin_sim.materials import material
 from fin_sim.quick_variation import swim_quickly
 from fin_sim.swim import SIMULATOR_PARAMETERS
+from fin_sim.time_stepping import StepError
 from fin_sim.variation import (
     FIGURES,
     PARAMETERS,

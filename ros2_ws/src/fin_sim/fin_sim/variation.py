@@ -19,11 +19,11 @@ from fin_plant.fin import FIN_PARAMETERS, Fin
 from fin_plant.gait import Gait, gait_preset
 from fin_plant.parameters import ParameterTable, Value
 from fin_sim.chain import Clamp, Reactive, build_chain
-from fin_sim.dynamics import StepError
 from fin_sim.fish import Fish
 from fin_sim.materials import damping_time
 from fin_sim.servo import Servo
 from fin_sim.swim import SIMULATOR_PARAMETERS, swim
+from fin_sim.time_stepping import StepError
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Mapping, Sequence

@@ -10,7 +10,7 @@ import numpy as np
 
 from fin_optimizer.calibration.settings import AHEAD, GAIN_LEFT, GAIN_RIGHT, OFFSET, OWN, SPEED_FACTOR, STIFFNESS_FACTOR
 from fin_plant.fin import Fin
-from fin_sim import dynamics
+from fin_sim import dynamics, time_stepping
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
 
@@ -102,9 +102,9 @@ class Tank:
         if self._fish.driven_joints != 1:
             msg = f"the fish has {self._fish.driven_joints} driven joints, a calibration knows those of one only"
             raise ValueError(msg)
-        self._steppers: dict[tuple[float, str], dynamics.Stepper] = {}
+        self._steppers: dict[tuple[float, str], time_stepping.Stepper] = {}
 
-    def _stepper(self, swim: Swim, frequency: float) -> dynamics.Stepper:
+    def _stepper(self, swim: Swim, frequency: float) -> time_stepping.Stepper:
         key = (frequency, repr(swim.fin))  # of which some are lists
         if key not in self._steppers:
             values = {**self.model.fish, **swim.fin}
@@ -112,7 +112,7 @@ class Tank:
             fin = Fin.from_parameters({**values, "fin.young_modulus": modulus})
             chain = build_chain(self._fish, fin, reactive=cast("Reactive", values["reactive"]))
             steps = _STEPS_A_BEAT_OF_A_FLEXIBLE_FIN if len(chain.links) > 1 else _STEPS_A_BEAT
-            self._steppers[key] = dynamics.Stepper(chain, 1.0 / (steps * frequency))
+            self._steppers[key] = time_stepping.Stepper(chain, 1.0 / (steps * frequency))
         return self._steppers[key]
 
     def swim(self, swim: Swim, start: Array, times: Array) -> Array:
@@ -144,7 +144,7 @@ class Tank:
             state[body] = start[:3]
             motion = self._motion(swim, frequency, stepper.half_step_times(samples), start[3])
             states, _ = stepper.advance(state, motion)
-        except dynamics.StepError:
+        except time_stepping.StepError:
             return np.full((len(times), dynamics.BODY_STATES), np.nan)
         place = times / stepper.step
         before = np.minimum(place.astype(np.int64), samples - 1)

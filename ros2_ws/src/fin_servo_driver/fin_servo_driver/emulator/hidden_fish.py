@@ -11,7 +11,7 @@ import numpy as np
 
 from fin_plant import checks
 from fin_plant.checks import counted
-from fin_sim import dynamics
+from fin_sim import dynamics, time_stepping
 from fin_sim.chain import build_chain
 from fin_sim.fish import Fish
 from fin_sim.swim import LARGEST_NORMAL_DRAG, SIMULATOR_PARAMETERS
@@ -160,7 +160,7 @@ class HiddenFish:
                 f"give peduncle.length and the other peduncle.* {joints - 1} values, one link a joint but the fin's"
             )
             raise ValueError(msg)
-        self._stepper = dynamics.stepper_of(chain, _STEP, round(SAMPLE_TIME / _STEP))
+        self._stepper = time_stepping.stepper_of(chain, _STEP, round(SAMPLE_TIME / _STEP))
         self.put_at_origin()
 
     def put_at_origin(self) -> None:

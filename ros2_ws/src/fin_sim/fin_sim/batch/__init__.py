@@ -2,7 +2,7 @@
 
 * `swim_batch`: divides the fins among threads. Most swim side by side (`lanes`). Those with too little
   damping for the lanes' long steps, and fish whose servos have a motor each swim by the general kernel of
-  `fin_sim.dynamics` (`general_kernel`).
+  `fin_sim.time_stepping` (`general_kernel`).
 * `columns`: fins as columns. `links`: what they are as links. `task`: what all fins share.
 * `equations`, `step`, `tracing`: the equations of one fish and one step in time, recorded. `loops`, `kernel`: what was
   recorded made into code with loops over the links, whose vector registers hold a fish in each lane.

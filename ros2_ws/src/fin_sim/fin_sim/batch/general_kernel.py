@@ -13,8 +13,8 @@ from fin_sim.batch.task import LEAST_STEPS, fastest_joints, window_step
 from fin_sim.batch.tolerances import difference, error_floors, settled
 from fin_sim.batch.window import window_weights
 from fin_sim.chain import build_chain
-from fin_sim.dynamics import StepError
 from fin_sim.swim import swim_chain
+from fin_sim.time_stepping import StepError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

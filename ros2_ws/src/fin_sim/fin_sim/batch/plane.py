@@ -12,10 +12,10 @@ from fin_sim.batch.result import FIGURES, LARGEST_ANGLE, Status
 from fin_sim.batch.task import LEAST_STEPS, window_step
 from fin_sim.batch.window import window_weights
 from fin_sim.chain import build_chain
-from fin_sim.dynamics import StepError
 from fin_sim.ideal_2d.errors import CollisionError
 from fin_sim.ideal_2d.table import FoldError
 from fin_sim.swim import swim_chain
+from fin_sim.time_stepping import StepError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

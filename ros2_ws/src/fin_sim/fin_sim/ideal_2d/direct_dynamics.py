@@ -37,7 +37,7 @@ class Direct:
         driven: Of each joint, whether it is; shape (J,).
         stiffness: Of the elastic joints, shape (E,).
         damping: The same.
-        exponentials: Of the elastic joints about the straight pose, shape (7, 2 E, 2 E), see `dynamics.propagator`.
+        exponentials: Of the elastic joints about the straight pose, shape (7, 2 E, 2 E); `time_stepping.propagator`.
         current: Velocity of the water along the tank's axes, x + i y, m/s.
         step: s.
     """

@@ -6,7 +6,7 @@ With m(theta) and A(theta) of `plane_fish` in a table, the joints obey Lagrange'
 
 the elastic ones with those of spring and damper; those that are driven ask for theirs. The springs are stiff: what they
 do about the straight pose is integrated exactly (Cox & Matthews, Journal of Computational Physics 176, 2002, as
-`dynamics`), so that a step of a fortieth of a beat is short enough.
+`time_stepping`), so that a step of a fortieth of a beat is short enough.
 """
 
 from __future__ import annotations
@@ -17,21 +17,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fin_plant import checks
-from fin_sim import dynamics
+from fin_sim import time_stepping
 from fin_sim.compiled import kernel
-from fin_sim.dynamics import (
-    BODY_STATES,
-    RECORD_HEAD,
-    SERVO_POWER,
-    SURGE,
-    SWAY,
-    YAW_RATE,
-    StepError,
-)
+from fin_sim.dynamics import BODY_STATES, RECORD_HEAD, SERVO_POWER, SURGE, SWAY, YAW_RATE
 from fin_sim.ideal_2d.added_mass import AddedMass
 from fin_sim.ideal_2d.direct_dynamics import Direct
 from fin_sim.ideal_2d.plane_fish import linkage_of, slice_of, table_of
 from fin_sim.ideal_2d.table import MOST_JOINTS_ON_A_GRID, evaluate_table, refuse_fold
+from fin_sim.time_stepping import StepError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -148,7 +141,7 @@ def integrate_plane(
     samples: NDArray[np.float64],
     records: NDArray[np.float64],
 ) -> int:
-    """Advance the state; write samples, and torques and power as `dynamics.integrate` does.
+    """Advance the state; write samples, and torques and power as `time_stepping.integrate` does.
 
     Args:
         state: Shape (6 + 2 J,), advanced in place.
@@ -159,7 +152,7 @@ def integrate_plane(
         reach: Of the table.
         orders: The same.
         weights: The same.
-        matrices: Of the exponential integrator, shape (7, 2 E, 2 E), as `dynamics.propagator` has them.
+        matrices: Of the exponential integrator, shape (7, 2 E, 2 E), as `time_stepping.propagator` has them.
         current: Velocity of the water along the tank's axes, m/s.
         step: s.
         every: Steps from one sample to the next.
@@ -261,8 +254,8 @@ def integrate_plane(
     return int(steps // every + 1)
 
 
-class PlaneStepper(dynamics.Stepper):
-    """A fish in a plane ideal flow ready to be advanced, as `dynamics.Stepper` one in strips."""
+class PlaneStepper(time_stepping.Stepper):
+    """A fish in a plane ideal flow ready to be advanced, as `time_stepping.Stepper` one in strips."""
 
     def __init__(self, chain: Chain, step: float, every: int = 1, *, quick: bool = False) -> None:
         """Prepare.
@@ -274,7 +267,7 @@ class PlaneStepper(dynamics.Stepper):
             quick: Whether the coarser table will do.
 
         Raises:
-            ValueError: As `dynamics.Stepper`, and what a plane flow has not, see `plane_fish.slice_of`.
+            ValueError: As `time_stepping.Stepper`, and what a plane flow has not, see `plane_fish.slice_of`.
         """
         self.chain = chain
         self.step = checks.number("step", step, 0.0, 1.0, unit="s", exclusive_minimum=True)
@@ -304,12 +297,12 @@ class PlaneStepper(dynamics.Stepper):
         linear[:count, count:] = np.eye(count)
         linear[count:, :count] = -np.linalg.solve(mass, np.diag(self._springs[0]))
         linear[count:, count:] = -np.linalg.solve(mass, np.diag(self._springs[1]))
-        return dynamics.exponential_matrices(linear, self.step * self._stride)
+        return time_stepping.exponential_matrices(linear, self.step * self._stride)
 
     def advance(
         self, state: NDArray[np.float64], motion: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Advance ``state`` in place through the driven joints' ``motion``, as `dynamics.Stepper.advance`.
+        """Advance ``state`` in place through the driven joints' ``motion``, as `time_stepping.Stepper.advance`.
 
         The records have no forces on the tail: what water presses on the tail alone is not worked out, NaN.
 
@@ -325,7 +318,7 @@ class PlaneStepper(dynamics.Stepper):
         begin = state.copy()
         states = np.zeros((samples + 1, len(state)))
         records = np.zeros((samples + 1, RECORD_HEAD + joints))
-        records[:, : dynamics.SERVO_POWER] = math.nan
+        records[:, :SERVO_POWER] = math.nan
         largest = float(np.abs(drive[:, :, 0]).max())
         driven = next((reach for reach in DRIVEN_REACHES if largest <= reach), DRIVEN_REACHES[-1])
         for passive, degree in self._tables:

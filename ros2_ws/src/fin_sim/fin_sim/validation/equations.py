@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_simpson
 
 from fin_plant.fin import Fin
 from fin_plant.gait import Gait, JointDrive, carangiform
-from fin_sim import closed_forms, dynamics
+from fin_sim import closed_forms, dynamics, time_stepping
 from fin_sim.chain import Chain, Reactive
 from fin_sim.energy import energy_budget
 from fin_sim.fish import Body, Link, Water, ellipsoid_added_mass_factors
@@ -98,7 +98,7 @@ def free_energy_error(fin: Fin, duration: float = 10.0, step: float = 1e-3) -> f
 def coast(body: Body, start: tuple[float, float, float], duration: float, step: float) -> NDArray[np.float64]:
     """Return the states, shape (S, 8), of a body without a tail from the start velocities surge, sway, yaw rate."""
     chain = Chain(body, (_NO_TAIL,), (True,), Water(1000.0, 0.0))
-    stepper = dynamics.Stepper(chain, step, every=max(1, round(duration / step / 1000)))
+    stepper = time_stepping.Stepper(chain, step, every=max(1, round(duration / step / 1000)))
     state = stepper.start()
     state[[dynamics.SURGE, dynamics.SWAY, dynamics.YAW_RATE]] = start
     samples = round(duration / stepper.sample_time)

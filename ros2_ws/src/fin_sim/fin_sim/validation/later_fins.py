@@ -17,7 +17,7 @@ import numpy as np
 
 from fin_plant.fin import Fin
 from fin_plant.gait import Gait, JointDrive
-from fin_sim import dynamics
+from fin_sim import dynamics, time_stepping
 from fin_sim.chain import build_chain
 from fin_sim.fish import Body, Fish
 from fin_sim.materials import damping_time, material
@@ -211,7 +211,7 @@ def swim(of: LaterFin, fin: Fin, fish: Fish) -> tuple[float, float]:
     """Return steady speed in m/s and the largest torque at the actuator in N m of a fish with one of the fins."""
     amplitudes = harmonics(actuator_angle(of.frequency, of.duty))
     chain = build_chain(fish, fin).for_gait(Gait((JointDrive(float(abs(amplitudes[0])), of.frequency),)))
-    stepper = dynamics.Stepper(chain, _STEP, _EVERY)
+    stepper = time_stepping.Stepper(chain, _STEP, _EVERY)
     samples = round(_DURATION / stepper.sample_time)
     states, records = stepper.advance(
         stepper.start(), motion(of.frequency, amplitudes, stepper.half_step_times(samples))

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares, minimize_scalar
 from fin_plant.figures import new_figure, own_style
 from fin_plant.gait import Gait, JointDrive
 from fin_plant.gait_follower import GaitFollower
-from fin_sim import dynamics
+from fin_sim import dynamics, time_stepping
 from fin_sim.chain import Chain
 from fin_sim.fish import Body, Link, Water
 from fin_sim.picture import BODY_COLOUR, FIN_COLOUR, TAIL_COLOUR
@@ -235,7 +235,7 @@ def predict(numbers: NDArray[np.float64], swim: Measured, assumed: Assumed = _AS
     body = Body(0.725, 0.217, 0.7888, 2.66e-3, 7.93e-4, drag_area, lift_area, yaw_drag, 0.105)
     water = Water(1000.0, assumed.normal_drag, model=assumed.model, tip_term=assumed.tip_term)
     chain = Chain(body, (Link(assumed.tail_length, 0.04, 0.04),), (True,), water)
-    stepper = dynamics.Stepper(chain, _STEP, _EVERY)
+    stepper = time_stepping.Stepper(chain, _STEP, _EVERY)
     samples = max(2, round(swim.duration / stepper.sample_time))
     amplitude = assumed.amplitude_factor * math.radians(swim.amplitude)
     bias = math.radians(swim.bias) + float(numbers[3])
