@@ -14,8 +14,8 @@ from fin_optimizer.study.records import read_trials
 from fin_optimizer.trial.result import Outcome
 from fin_plant.paths import config_folder
 from fin_servo_driver.emulator.hidden_fish import SAMPLE_TIME, Deviation, HiddenFish
-from fin_sim import swim_command
 from fin_sim.swim import PAPER_FISH
+from fin_sim.swim_command.command import main as swim_main
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -88,7 +88,7 @@ def test_a_fish_is_learnt_from_rehearsed_swims_and_the_next_fins_are_chosen_arou
         low, high = read_errors(fitted)[name]
         off = math.log(value / math.sqrt(low * high)) / (0.5 * math.log(high / low))
         assert abs(off) < MOST_ERRORS, f"{name} is off by so many of its standard errors"
-    assert swim_command.main(["--params-file", str(fitted)]) == 0
+    assert swim_main(["--params-file", str(fitted)]) == 0
     capsys.readouterr()
 
     cloud = (f"space:={tmp_path}/stock.yaml", "search.algorithm:=cloud", f"search.fish:={fitted}", f"trials:={TRIALS}")

@@ -38,9 +38,9 @@ COMMANDS = {
     "report": ("fin_optimizer.commands.report", ["FILE"]),
     "score_bag": ("fin_optimizer.commands.score_bag", ["--settle", "1", "--duration", "2", "FILE.mcap"]),
     "show_study": ("fin_optimizer.commands.show_study", ["FILE"]),
-    "swim --case": ("fin_sim.swim_command", ["--case", "FILE.json"]),
-    "swim --chain": ("fin_sim.swim_command", ["--water", "ideal_2d", "--chain", "FILE.yaml"]),
-    "swim --params-file": ("fin_sim.swim_command", ["--params-file", "FILE.yaml"]),
+    "swim --case": ("fin_sim.swim_command.command", ["--case", "FILE.json"]),
+    "swim --chain": ("fin_sim.swim_command.command", ["--water", "ideal_2d", "--chain", "FILE.yaml"]),
+    "swim --params-file": ("fin_sim.swim_command.command", ["--params-file", "FILE.yaml"]),
 }
 FISH, SETTINGS = "predict", "calibrate"
 # Of the right form outside, not within: the command, the text, and what is said of it.

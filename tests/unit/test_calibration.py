@@ -29,8 +29,8 @@ from fin_optimizer.search import plausible
 from fin_plant.fin import Fin
 from fin_plant.gait import Gait, JointDrive
 from fin_plant.paths import config_folder
-from fin_sim import swim_command
 from fin_sim.swim import swim as simulated_swim
+from fin_sim.swim_command.command import main as swim_main
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -232,7 +232,7 @@ def test_the_fitted_fish_of_the_tree_predicts_the_measured_swims() -> None:
 
 def test_the_fitted_fish_is_taken_by_the_simulator(capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["--params-file", str(FITTED), "--amplitude", "25", "--frequency", "0.98", "--duration", "15", "--json"]
-    assert swim_command.main(arguments) == 0
+    assert swim_main(arguments) == 0
     assert 0.02 < json.loads(capsys.readouterr().out)["mean_speed"] < 0.1
 
 

@@ -14,8 +14,8 @@ import pytest
 
 from fin_plant.gait import JointDrive
 from fin_sim import case as case_files
-from fin_sim import swim_command
 from fin_sim.fish import Body, Link
+from fin_sim.swim_command.command import main as swim_main
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -70,7 +70,7 @@ def test_the_head_of_each_room_lists_its_files() -> None:
 def swim(command: str, capsys: pytest.CaptureFixture[str]) -> float:
     """Run a command line of the program swim; return the mean speed in m/s."""
     words = shlex.split(command)
-    assert swim_command.main([*words[words.index("swim") + 1 :], *(() if "--json" in words else ("--json",))]) == 0
+    assert swim_main([*words[words.index("swim") + 1 :], *(() if "--json" in words else ("--json",))]) == 0
     return float(json.loads(capsys.readouterr().out)["mean_speed"])
 
 

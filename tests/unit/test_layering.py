@@ -118,7 +118,7 @@ NOT_AT_START = {
     "fin_servo_driver.velocity_estimator": {"fin_sim", "matplotlib", "mcap", "numba", "optuna", "rosbags", "scipy"},
     "fin_servo_driver.rehearsal": {"fin_sim.batch", "matplotlib", "mcap", "optuna", "rosbags"},
     "fin_sim.simulator": {"fin_sim.batch", "matplotlib", "mcap", "optuna", "rosbags"},
-    "fin_sim.swim_command": {"rclpy", "matplotlib", "optuna", "rosbags"},
+    "fin_sim.swim_command.command": {"rclpy", "matplotlib", "optuna", "rosbags"},
 }
 
 ALL_MODULES = {name: path for package in PACKAGES for name, path in modules(package).items()}

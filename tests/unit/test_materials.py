@@ -11,10 +11,11 @@ import pytest
 
 import fin_sim
 from fin_plant.fin import Fin
-from fin_sim import materials_command, swim_command
+from fin_sim import materials_command
 from fin_sim.materials import damping_time, material, materials
 from fin_sim.swim import swim
-from fin_sim.variation import SwimPlan
+from fin_sim.swim_command.command import main as swim_main
+from fin_sim.swim_command.plan import SwimPlan
 
 WANTED = [
     *("LDPE", "HDPE", "PP", "PET", "PMMA", "ABS", "PC", "POM", "nylon", "VeroWhite"),
@@ -84,7 +85,7 @@ def test_loss_of_a_material_becomes_the_damping_time_of_its_frequency() -> None:
 
 def test_more_loss_slows_a_fin_cut_from_the_material(capsys: pytest.CaptureFixture[str]) -> None:
     def powers(*arguments: str) -> list[float]:
-        assert swim_command.main(["--material", "LDPE", "--duration", "3", "--json", *arguments]) == 0
+        assert swim_main(["--material", "LDPE", "--duration", "3", "--json", *arguments]) == 0
         return [row["mean_servo_power"] for row in json.loads(capsys.readouterr().out)]
 
     assert powers() == pytest.approx(powers("--fin.damping_time", str(0.13 / (2.0 * math.pi * 0.9))))

@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_simpson
 
 from fin_plant.gait import Gait, JointDrive
 from fin_plant.gait_follower import GaitFollower
-from fin_sim import dynamics, swim_command, time_stepping
+from fin_sim import dynamics, time_stepping
 from fin_sim.angular_momentum import angular_momentum_budget
 from fin_sim.batch import Status, swim_batch
 from fin_sim.chain import Chain, build_chain
@@ -26,6 +26,7 @@ from fin_sim.fish import Fish, Link, Water
 from fin_sim.motor import Motor
 from fin_sim.servo import Servo
 from fin_sim.swim import Swim, swim
+from fin_sim.swim_command.command import main as swim_main
 from support.paper_fish import BODY, FIN
 
 if TYPE_CHECKING:
@@ -303,7 +304,7 @@ def test_the_batch_tells_no_electrical_power_of_ideal_servos() -> None:
 def test_a_variation_over_the_stall_torque_has_one_table_quick_or_not(capsys: pytest.CaptureFixture[str]) -> None:
     variation = ("--vary", "servo.stall_torque=0,0.3", "--duration", "3", "--fin.damping_time", "0.01", "--json")
     for more in ((), ("--quick",)):
-        assert swim_command.main([*variation, *more]) == 0
+        assert swim_main([*variation, *more]) == 0
         ideal, motor = json.loads(capsys.readouterr().out)
         assert ideal.keys() == motor.keys()
         assert ideal["mean_electrical_power"] is None

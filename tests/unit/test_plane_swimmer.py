@@ -15,8 +15,8 @@ import yaml
 
 from fin_sim.ideal_2d.errors import StrokeError
 from fin_sim.ideal_2d.swimmer_file import Spring, read_swimmer, swimmer_from
-from fin_sim.swim_command import main
-from fin_sim.swimmer_command import swim_swimmer
+from fin_sim.swim_command.command import main
+from fin_sim.swim_command.swimmer import swim_swimmer
 
 PAGE = Path(__file__).parents[2] / "docs" / "water.md"
 THICK: dict[str, Any] = {

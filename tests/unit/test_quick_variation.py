@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fin_sim import swim_command
 from fin_sim.batch import TOLERANCES
-from fin_sim.quick_variation import quick_figures, swim_quickly
-from fin_sim.variation import Axis, SwimPlan, swim_one, varied_plans
+from fin_sim.swim_command.axes import Axis, varied_plans
+from fin_sim.swim_command.command import main as swim_main
+from fin_sim.swim_command.plan import SwimPlan
+from fin_sim.swim_command.quick_variation import quick_figures, swim_quickly
+from fin_sim.swim_command.variation import swim_one
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +36,7 @@ TOLERANCE = {
 
 def command(capsys: pytest.CaptureFixture[str], *arguments: str | Path, code: int = 0) -> tuple[str, str]:
     """Return what the command puts out."""
-    assert swim_command.main([str(argument) for argument in arguments]) == code
+    assert swim_main([str(argument) for argument in arguments]) == code
     captured = capsys.readouterr()
     return captured.out, captured.err
 
@@ -145,7 +147,7 @@ def test_a_step_of_a_parameter_file_is_refused_as_the_option_is(
 def test_a_large_variation_says_that_there_is_a_quick_one(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(swim_command, "_MANY_SWIMS", 2)
+    monkeypatch.setattr("fin_sim.swim_command.command._MANY_SWIMS", 2)
     for count, hinted in ((2, False), (3, True)):
         _, err = command(capsys, "--duration", "0.3", "--vary", f"frequency=1:2:{count}")
         assert ("--quick" in err) == hinted

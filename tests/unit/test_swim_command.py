@@ -15,10 +15,12 @@ from PIL import Image
 
 from fin_plant.fin import Fin
 from fin_plant.gait import carangiform
-from fin_sim import swim_command
 from fin_sim.swim import swim
+from fin_sim.swim_command.axes import Axis, parse_axis, varied_plans
+from fin_sim.swim_command.command import main as swim_main
+from fin_sim.swim_command.plan import SwimPlan
+from fin_sim.swim_command.variation import swim_all, swim_one
 from fin_sim.time_stepping import StepError
-from fin_sim.variation import Axis, SwimPlan, parse_axis, swim_all, swim_one, varied_plans
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,7 +34,7 @@ SHORT = ("--duration", "3")
 
 
 def _run(capsys: pytest.CaptureFixture[str], *arguments: str | Path, code: int = 0) -> tuple[str, str]:
-    assert swim_command.main([str(argument) for argument in arguments]) == code
+    assert swim_main([str(argument) for argument in arguments]) == code
     captured = capsys.readouterr()
     return captured.out, captured.err
 
@@ -348,14 +350,14 @@ def test_bad_input_is_refused_before_anything_is_written(
 
 def test_unknown_option_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
-        swim_command.main(["--fin.lenght", "1"])
+        swim_main(["--fin.lenght", "1"])
     assert stop.value.code == 2
     assert "--fin.lenght" in capsys.readouterr().err
 
 
 def test_a_parameter_of_the_node_alone_is_no_option(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     with pytest.raises(SystemExit):
-        swim_command.main(["--help"])
+        swim_main(["--help"])
     shown = capsys.readouterr().out
     assert "--fin.young_modulus" in shown
     for name in ("publish_clock", "speed", "sample_rate"):

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fin_sim import presets, swim_command
+from fin_sim import presets
+from fin_sim.swim_command.command import main as swim_main
 from fin_sim.validation import command, measured, paper
 from fin_sim.validation.page import Check, Published, Section, render
 
@@ -168,7 +169,7 @@ def test_folder_without_swims_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("path", PRESETS, ids=lambda path: path.stem)
 def test_preset_swims(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     gait = ["--gait", "sub_carangiform", "--frequency", "1.2"] if path.stem == "sub_carangiform" else []
-    assert swim_command.main(["--params-file", str(path), "--duration", "4", *gait, "--json"]) == 0
+    assert swim_main(["--params-file", str(path), "--duration", "4", *gait, "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert figures["mean_speed"] > 0.0
     # The papers' form of the force has no efficiency.

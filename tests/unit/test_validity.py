@@ -14,8 +14,8 @@ from fin_optimizer.score.mean_speed import ScoreError
 from fin_optimizer.score.swim import refuse_folded
 from fin_plant import validity
 from fin_plant.fin import Fin, ProfiledFin
-from fin_sim import swim_command
 from fin_sim.swim import swim
+from fin_sim.swim_command.command import main as swim_main
 
 FOLDING = [
     *("--fin.young_modulus", "1.23e7", "--fin.length", ".079", "--fin.height", ".011", "--fin.tip_height", ".025"),
@@ -45,7 +45,7 @@ def test_a_fin_shorter_than_three_of_its_largest_heights_is_doubtful() -> None:
 
 
 def test_a_swim_that_folds_exits_with_its_angle_and_without_figures(capsys: pytest.CaptureFixture[str]) -> None:
-    assert swim_command.main([*FOLDING, "--json"]) == 1
+    assert swim_main([*FOLDING, "--json"]) == 1
     out, err = capsys.readouterr()
     assert not out
     assert "degrees, more than 180" in err
@@ -53,7 +53,7 @@ def test_a_swim_that_folds_exits_with_its_angle_and_without_figures(capsys: pyte
 
 def test_a_variation_leaves_a_gap_where_a_fin_folds(capsys: pytest.CaptureFixture[str]) -> None:
     variation = [*FOLDING[2:], "--vary", "fin.young_modulus=1.23e7,4e9", "--json"]
-    assert swim_command.main(variation) == 1
+    assert swim_main(variation) == 1
     out, err = capsys.readouterr()
     rows = json.loads(out)
     assert rows[0]["mean_speed"] is None
@@ -62,7 +62,7 @@ def test_a_variation_leaves_a_gap_where_a_fin_folds(capsys: pytest.CaptureFixtur
 
 
 def test_a_swim_reports_its_largest_hinge_angle_and_warns(capsys: pytest.CaptureFixture[str]) -> None:
-    assert swim_command.main(["--fin.length", "0.05", "--duration", "2", "--json"]) == 0
+    assert swim_main(["--fin.length", "0.05", "--duration", "2", "--json"]) == 0
     out, err = capsys.readouterr()
     swum = swim(Fin(length=0.05), duration=2.0)
     angles = np.abs(swum.joint_angles[:, 1:])

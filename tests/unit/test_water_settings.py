@@ -13,7 +13,8 @@ from fin_sim.batch import swim_batch
 from fin_sim.energy import energy_budget
 from fin_sim.fish import Fish, Water
 from fin_sim.swim import PAPER_FISH, SIMULATOR_PARAMETERS, Swim, swim
-from fin_sim.variation import SwimPlan, parse_axis, varied_plans
+from fin_sim.swim_command.axes import parse_axis, varied_plans
+from fin_sim.swim_command.plan import SwimPlan
 from fin_sim.water_settings import PRESETS, Settings, settings
 
 SOFT = Fin(young_modulus=1e9, damping_time=0.03)

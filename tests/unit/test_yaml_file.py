@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 
 from fin_plant import checks, json_file, yaml_file
 from fin_servo_driver import robot_file
-from fin_sim import case, swim_command
+from fin_sim import case
+from fin_sim.swim_command.command import main as swim_main
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -119,7 +120,7 @@ def test_a_robot_file_in_doubt_is_refused_with_file_and_key(tmp_path: Path, old:
 def test_a_parameter_file_with_a_key_twice_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "p.yaml"
     path.write_text("/**:\n  ros__parameters:\n    fin.length: 0.08\n    fin.length: 0.09\n", encoding="utf-8")
-    assert swim_command.main(["--params-file", str(path)]) == 2
+    assert swim_main(["--params-file", str(path)]) == 2
     assert "line 4: key fin.length stands twice, first in line 3" in capsys.readouterr().err
 
 
@@ -176,14 +177,14 @@ def test_a_parameter_file_s_underscored_number_is_refused_by_swim(
 ) -> None:
     path = tmp_path / "parameters.yaml"
     path.write_text("simulator:\n  ros__parameters:\n    fin.density: 1_000\n")
-    assert swim_command.main(["--params-file", str(path)]) == 2
+    assert swim_main(["--params-file", str(path)]) == 2
     assert "fin.density = '1_000' must be a number" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("words", [["--duration", "1_0"], ["--vary", "fin.length=0.05,1_0"], ["--fin.length", "0.0_8"]])
 def test_an_underscored_number_is_refused_by_swim(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     try:
-        code: object = swim_command.main(words)
+        code: object = swim_main(words)
     except SystemExit as end:
         code = end.code
     assert code == 2

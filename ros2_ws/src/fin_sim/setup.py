@@ -10,7 +10,7 @@ EXECUTABLES = [
     "materials = fin_sim.materials_command:main",
     "measure_strip = fin_sim.measure_strip:main",
     "simulator = fin_sim.simulator:main",
-    "swim = fin_sim.swim_command:main",
+    "swim = fin_sim.swim_command.command:main",
     "validation = fin_sim.validation.command:main",
 ]
 WHEEL = not {"bdist_wheel", "dist_info", "editable_wheel"}.isdisjoint(sys.argv)

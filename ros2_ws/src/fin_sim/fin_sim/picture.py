@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from fin_sim.swim_command.axes import Axis
+    from fin_sim.swim_command.variation import Cell
     from fin_sim.swim_result import Swim
-    from fin_sim.variation import Axis, Cell
 
 BODY_COLOUR, TAIL_COLOUR, FIN_COLOUR, PATH_COLOUR = "#29588a", "#595961", "#ed8c24", "#9aa5b1"
 _FRAMES_PER_SECOND = 25

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SAMPLES_A_STROKE = 64
 _FINER = 1.5
-UNITS = {
+_UNITS = {
     "dx": "m",
     "dy": "m",
     "dtheta": "rad",
@@ -48,7 +48,7 @@ class SwumStrokes:
         angles: Of the joints, rad, shape (S, J).
         place: Of the first link, x + i y in its axes at time 0, m, shape (S,).
         heading: rad, shape (S,).
-        figures: Net motion of a stroke in the first link's axes at its start, and more, by name; see `UNITS`.
+        figures: Net motion of a stroke in the first link's axes at its start, and more, by name; see `units`.
     """
 
     swimmer: Swimmer
@@ -57,6 +57,11 @@ class SwumStrokes:
     place: NDArray[np.complex128]
     heading: NDArray[np.float64]
     figures: dict[str, Any]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Units of the figures, by name; empty for a number without."""
+        return {name: _UNITS[name] for name in self.figures}
 
     def table(self) -> str:
         """Return the samples as CSV."""

@@ -12,15 +12,16 @@ from dataclasses import fields
 from typing import TYPE_CHECKING
 
 from fin_sim.batch import Status, swim_batch
+from fin_sim.swim_command.figures import FIGURES, Figure
+from fin_sim.swim_command.variation import Swum, swimming_threads
 from fin_sim.swim_result import measured_beats
-from fin_sim.variation import FIGURES, Figure, Swum, swimming_threads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from concurrent.futures import Future
 
     from fin_sim.batch import BatchSwim
-    from fin_sim.variation import SwimPlan
+    from fin_sim.swim_command.plan import SwimPlan
 
 _FIGURES = ("mean_speed", "mean_servo_power", "largest_hinge_angle")
 _OF_A_HELD_BODY = ("mean_thrust", "efficiency")
