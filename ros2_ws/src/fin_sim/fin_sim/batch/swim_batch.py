@@ -154,6 +154,14 @@ def swim_batch(
     columns = fin_columns(fins)
     if not isinstance(gait, Gait):
         columns = with_gaits(columns, gait, fish.driven_joints)
+    workers = checks.whole_number("threads", threads or os.cpu_count() or 1, 1)
+    return _result(columns, *_swim_columns(task, columns, step, workers))
+
+
+def _swim_columns(
+    task: Task, columns: dict[str, NDArray[np.generic]], step: float | None, workers: int
+) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+    """Swim all fins, in lanes as far as they can; return their figures, shape (n, figures), and status, shape (n,)."""
     good = accepted(columns)
     figures = np.full((len(good), len(FIGURES)), np.nan)
     status = np.where(good, Status.OK, Status.REFUSED).astype(np.int8)
@@ -162,13 +170,12 @@ def swim_batch(
         own = {name: column[piece.indices] for name, column in columns.items()}
         figures[piece.indices], status[piece.indices] = _swim_piece(piece, own)
 
-    workers = checks.whole_number("threads", threads or os.cpu_count() or 1, 1)
     pieces = list(_pieces(task, columns, _steps(task, columns, step), good))
     _run(swim, pieces, workers)
     _run(swim, _unsettled(pieces, status), workers)
     if not task.fish.motor:
         figures[:, [FIGURES.index(name) for name in OF_A_MOTOR]] = np.nan
-    return _result(columns, figures, status)
+    return figures, status
 
 
 def _swim_piece(

@@ -131,6 +131,40 @@ def _refuse_collision(linkage: Linkage, angles: NDArray[np.float64], time: float
         raise StrokeError(msg)
 
 
+def _sampled(
+    joints: Sequence[JointAngle], samples: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return turns over a stroke, shape (S + 1,), the joints' angles there and their slopes, shape (S + 1, joints)."""
+    turn = 2.0 * math.pi / samples * np.arange(samples + 1, dtype=np.float64)
+    both = [joint.at(turn) for joint in joints]
+    angles = np.stack([angle for angle, _ in both], axis=1)
+    slopes = np.stack([slope for _, slope in both], axis=1)
+    return turn, angles, slopes
+
+
+def _moved(
+    linkage: Linkage,
+    matrix: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    angles: NDArray[np.float64],
+    slopes: NDArray[np.float64],
+    time: float,
+) -> _Moved:
+    """Return how the first member moves at zero momentum, per turn, and the energy, at this time of the stroke in s.
+
+    Raises:
+        StrokeError: Members collide, or the mass matrix is not positive.
+    """
+    _refuse_collision(linkage, angles, time)
+    try:
+        mass = matrix(angles)
+    except MassError as error:
+        msg = f"at t = {time:.4g} s of the stroke {error}"
+        raise StrokeError(msg) from error
+    base = -np.linalg.solve(mass[:3, :3], mass[:3, 3:] @ slopes)  # Kanso et al. 2005, equation 3.13
+    whole = np.concatenate([base, slopes])
+    return base, float(0.5 * whole @ mass @ whole)
+
+
 def swim_stroke(
     linkage: Linkage,
     matrix: Callable[[NDArray[np.float64]], NDArray[np.float64]],
@@ -156,29 +190,15 @@ def swim_stroke(
     if len(joints) != linkage.joints:
         msg = f"{len(joints)} joint angles for a linkage of {linkage.joints} joints: give one for each joint"
         raise ValueError(msg)
-    known: dict[float, _Moved] = {}
-
-    def moved(turn: float, angles: NDArray[np.float64], slopes: NDArray[np.float64]) -> _Moved:
-        if turn not in known:
-            time = turn * period / (2.0 * math.pi)
-            _refuse_collision(linkage, angles, time)
-            try:
-                mass = matrix(angles)
-            except MassError as error:
-                msg = f"at t = {time:.4g} s of the stroke {error}"
-                raise StrokeError(msg) from error
-            base = -np.linalg.solve(mass[:3, :3], mass[:3, 3:] @ slopes)
-            whole = np.concatenate([base, slopes])
-            known[turn] = base, float(0.5 * whole @ mass @ whole)
-        return known[turn]
-
+    known: dict[float, _Moved] = {}  # by the turn: of twice as many samples every second one is known
     samples, before = _FEWEST_SAMPLES, None
     while samples <= _MOST_SAMPLES:
-        turn = 2.0 * math.pi / samples * np.arange(samples + 1, dtype=np.float64)
-        both = [joint.at(turn) for joint in joints]
-        angles = np.stack([angle for angle, _ in both], axis=1)
-        slopes = np.stack([slope for _, slope in both], axis=1)
-        motion = [moved(*each) for each in zip(turn[:-1].tolist(), angles, slopes, strict=False)]
+        turn, angles, slopes = _sampled(joints, samples)
+        time = turn * period / (2.0 * math.pi)
+        for index, at in enumerate(turn[:-1].tolist()):
+            if at not in known:
+                known[at] = _moved(linkage, matrix, angles[index], slopes[index], float(time[index]))
+        motion = [known[at] for at in turn[:-1].tolist()]
         velocity = np.array([base for base, _ in motion])
         place, heading = _integrate(velocity, turn)
         length = 2.0 * math.pi * float(np.mean(np.abs(velocity[:, 0] + 1j * velocity[:, 1])))
@@ -186,7 +206,6 @@ def swim_stroke(
         error = float(np.max(np.abs(end - before))) if before is not None else math.inf
         if error <= tolerance * length:
             energy = np.array([energy for _, energy in motion]) * (2.0 * math.pi / period) ** 2
-            time = turn * period / (2.0 * math.pi)
             return Stroke(time, angles, place, heading, np.append(energy, energy[0]), error)
         before = end
         samples *= 2
