@@ -79,6 +79,27 @@ def imported_packages(path: Path) -> set[str]:
     return {name.partition(".")[0] for name in imported(path)}
 
 
+def long_functions(source: str, lines: int) -> list[str]:
+    """Return the functions of a source that have more lines than these, but for those that `fin_sim.compiled` compiles.
+
+    A kernel is compiled as a whole and slower in pieces; it is known by its decorator.
+    """
+    tree = ast.parse(source)
+    compilers = {
+        alias.asname or alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and node.module == "fin_sim.compiled"
+        for alias in node.names
+    }
+    return [
+        f"{node.name}, {length} lines"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (length := (node.end_lineno or node.lineno) - node.lineno + 1) > lines
+        and not compilers & {ast.unparse(decorator) for decorator in node.decorator_list}
+    ]
+
+
 def unit_tests(package: str) -> list[Path]:
     """Return the unit tests of a package: those that import it, and none that comes after it.
 

@@ -17,6 +17,7 @@ from support.source_tree import (
     imported_at_start,
     imported_packages,
     loaded_at_start,
+    long_functions,
     modules,
 )
 
@@ -120,6 +121,9 @@ NOT_AT_START = {
     "fin_sim.simulator": {"fin_sim.batch", "matplotlib", "mcap", "optuna", "rosbags"},
     "fin_sim.swim_command.command": {"rclpy", "matplotlib", "optuna", "rosbags"},
 }
+
+A_SCREEN = 60
+"""Lines."""
 
 ALL_MODULES = {name: path for package in PACKAGES for name, path in modules(package).items()}
 PURE_MODULES = sorted(ALL_MODULES.keys() - ROS_MODULES)
@@ -227,3 +231,27 @@ def test_no_circle_of_imports() -> None:
         for name, path in ALL_MODULES.items()
     }
     TopologicalSorter(arrows).prepare()  # refuses a circle, and names it
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_function_fits_a_screen(package: str) -> None:
+    sources = [path for path in (SOURCE / package).rglob("*.py") if "build" not in path.parts]
+    found = {path.name: long_functions(path.read_text(), A_SCREEN) for path in sources}
+    assert {name: functions for name, functions in found.items() if functions} == {}
+
+
+@pytest.mark.parametrize(
+    ("head", "lines", "found"),
+    [
+        ("def long(x):", 60, []),
+        ("def long(x):", 61, ["long, 61 lines"]),
+        ("async def long(x):", 61, ["long, 61 lines"]),
+        ("class A:\n  def long(x):", 61, ["long, 61 lines"]),
+        ("@cache\ndef long(x):", 61, ["long, 61 lines"]),
+        ("from fin_sim.compiled import kernel\ndef long(x):", 61, ["long, 61 lines"]),
+        ("from elsewhere import kernel\n@kernel\ndef long(x):", 61, ["long, 61 lines"]),
+        ("from fin_sim.compiled import kernel\n@kernel\ndef long(x):", 61, []),
+    ],
+)
+def test_a_function_longer_than_a_screen_is_seen_unless_it_is_compiled(head: str, lines: int, found: list[str]) -> None:
+    assert long_functions(head + (lines - 1) * "\n    x += 1", A_SCREEN) == found
