@@ -7,5 +7,6 @@ other_programs   the same swim by the general kernel, SciPy and MuJoCo
 mujoco_fish      the paper's fish in MuJoCo
 profile          where a batch's time goes, against the machine's limit
 trials           trials of the whole graph: how fast a study goes
+watched          what it costs to watch a study by `page` or `live`
 lateness         `lateness`: how late the servo driver's ticks are while a study runs beside it
 """

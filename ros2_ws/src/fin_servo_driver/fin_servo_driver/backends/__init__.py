@@ -1,4 +1,9 @@
-"""The devices that the driver speaks to. Adding one is a module beside this file and a line in `BACKENDS`."""
+"""The devices that the driver speaks to. Adding one is a module beside this file and a line in `BACKENDS`.
+
+* `backend`: what every device offers, and the checks that all share;
+* `maestro`, `dynamixel`, `firmata`: servos;
+* `kmtronic`, `lcus`, `modbus`: relay boards.
+"""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ The water has no motion of its own: its kinetic energy is that of the bodies' mo
 * `elastic`: joints with springs, and momentum;
 * `table`: smooth functions of joint angles as Chebyshev sums;
 * `plane_fish`, `plane_dynamics`: the simulator's fish in this water, and the kernel that moves it;
+  `direct_dynamics`: the same motion without a table;
 * `swimmer_file`, `swimmer_picture`: a swimmer of one's own, and its pictures;
 * `errors`: what can go wrong.
 
