@@ -14,7 +14,7 @@ from fin_sim.batch import swim_batch
 from fin_sim.materials import materials
 from fin_sim.presets import preset
 from fin_sim.validation import measured_fins
-from fin_sim.validation.measured_fins import PrintedFin, Reading, Swum
+from fin_sim.validation.measured_fins import PrintedFin, Reading, SwumReading
 
 DATA = Path(__file__).parents[2] / "tests" / "data"
 FINS = measured_fins.printed_fins()
@@ -73,7 +73,7 @@ def test_rank_correlation_of_known_orders() -> None:
 def test_share_of_moduli_that_are_in_the_measured_order_is_counted() -> None:
     fins = [PrintedFin("a", 0.1, None), PrintedFin("b", 0.3, None), PrintedFin("c", 0.2, None)]
     given = preset("clark2012_fish")
-    swum = Swum(Reading("", given), np.array([[1.0, 2.0], [4.0, 6.0], [1.5, 5.0]]))
+    swum = SwumReading(Reading("", given), np.array([[1.0, 2.0], [4.0, 6.0], [1.5, 5.0]]))
     # a < c < b: of the pairs of a and c the three but (2, 1.5), times b 4 or 6 above c.
     assert swum.in_order(fins, [0, 1, 2]) == pytest.approx(4 / 8)
     assert swum.in_order(fins, [0, 1]) == 1.0

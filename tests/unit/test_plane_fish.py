@@ -13,7 +13,7 @@ import pytest
 from fin_plant.fin import Fin
 from fin_plant.gait import PAPER_GAIT, JointDrive
 from fin_sim.batch import Status, swim_batch
-from fin_sim.ideal_2d import plane_dynamics, plane_fish
+from fin_sim.ideal_2d import plane_fish, plane_stepper
 from fin_sim.ideal_2d.added_mass import AddedMass
 from fin_sim.ideal_2d.errors import CollisionError
 from fin_sim.ideal_2d.table import FoldError
@@ -75,7 +75,7 @@ def test_with_the_references_circulation_the_sealed_fish_swims_as_the_references
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     own = plane_fish.slice_of
-    monkeypatch.setattr(plane_dynamics, "slice_of", lambda chain: own(chain)._replace(circulation="free"))
+    monkeypatch.setattr(plane_stepper, "slice_of", lambda chain: own(chain)._replace(circulation="free"))
     row = references("ideal_2d_sealed")[0]
     found = swim(paper_fin(row["E_Pa"], row["damping_time_s"]), plane(), duration=10.0)
     assert found.x[-1] == pytest.approx(row["x_m"], rel=1e-3)
@@ -139,7 +139,7 @@ def test_beyond_its_table_a_fin_of_many_hinges_swims_as_within(monkeypatch: pyte
     """The default fish bends further near its resonance than a table of seven joints can hold."""
     fish = replace(PAPER_FISH, water=plane().water)
     tabled = swim(Fin(young_modulus=1e9), fish, duration=1.0)
-    monkeypatch.setattr(plane_dynamics, "OF_MANY", ((0.01, 1),))
+    monkeypatch.setattr(plane_stepper, "OF_MANY", ((0.01, 1),))
     direct = swim(Fin(young_modulus=1e9), fish, duration=1.0)
     assert tabled.largest_hinge_angle > 0.1
     assert direct.joint_angles == pytest.approx(tabled.joint_angles, abs=2e-3 * tabled.largest_hinge_angle)
@@ -153,7 +153,7 @@ def test_beyond_its_table_a_fin_of_many_hinges_swims_as_within(monkeypatch: pyte
 def test_the_default_fish_swims_near_its_resonance_and_folds_onto_itself_at_it() -> None:
     fish = replace(PAPER_FISH, water=plane().water)
     found = swim(Fin(), fish, duration=10.0)
-    assert found.largest_hinge_angle > max(reach for reach, _ in plane_dynamics.OF_MANY)
+    assert found.largest_hinge_angle > max(reach for reach, _ in plane_stepper.OF_MANY)
     assert found.mean_speed == pytest.approx(6.09e-4, rel=0.02)
     with pytest.raises(CollisionError, match=r"collide at t = 6|come too close .* at t = 6"):
         swim(Fin(young_modulus=3e9), fish, duration=10.0)

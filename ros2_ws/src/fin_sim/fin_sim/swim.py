@@ -84,7 +84,7 @@ def swim_chain(
 ) -> Swim:
     """Swim a chain from rest; with the step given, or a shorter one that its motors need; see `swim`.
 
-    ``quick``: in a plane ideal flow the coarser table will do, see `ideal_2d.plane_dynamics`.
+    ``quick``: in a plane ideal flow the coarser table will do, see `ideal_2d.plane_stepper`.
 
     Raises:
         ValueError: A duration, ramp, step or sample time outside its range, or a gait with another number of joints.

@@ -317,7 +317,7 @@ def steps_a_sample(sample_time: float, longest: float) -> int:
 def stepper_of(chain: Chain, step: float, every: int = 1, *, quick: bool = False) -> Stepper:
     """Return what advances a chain in its water; arguments and errors as `Stepper`; ``quick``: as `PlaneStepper`."""
     if chain.water.model == "ideal_2d":
-        from fin_sim.ideal_2d.plane_dynamics import PlaneStepper  # noqa: PLC0415  (strips need no plane)
+        from fin_sim.ideal_2d.plane_stepper import PlaneStepper  # noqa: PLC0415  (strips need no plane)
 
         return PlaneStepper(chain, step, every, quick=quick)
     return Stepper(chain, step, every)

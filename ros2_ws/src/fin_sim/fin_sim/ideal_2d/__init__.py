@@ -8,8 +8,8 @@ The water has no motion of its own: its kinetic energy is that of the bodies' mo
 * `stroke`: joints with prescribed angles, at zero momentum: the net motion of a stroke (geometric phase);
 * `elastic`: joints with springs, and momentum;
 * `table`: smooth functions of joint angles as Chebyshev sums;
-* `plane_fish`, `plane_dynamics`: the simulator's fish in this water, and the kernel that moves it;
-  `direct_dynamics`: the same motion without a table;
+* `plane_fish`: the simulator's fish in this water; `plane_dynamics`: the kernel that moves it, with a table;
+  `direct_dynamics`: the same motion without one; `plane_stepper`: chooses, and advances the fish;
 * `swimmer_file`, `swimmer_picture`: a swimmer of one's own, and its pictures;
 * `errors`: what can go wrong.
 

@@ -187,7 +187,7 @@ def readings(fins: Sequence[PrintedFin], most: int | None = None) -> list[Readin
 
 
 @dataclass(frozen=True)
-class Swum:
+class SwumReading:
     """The fins swum in one reading.
 
     Attributes:
@@ -299,7 +299,7 @@ def _fin_row(fin: PrintedFin, tried: NDArray[np.float64], sheet: Fin, shown: Seq
     return f"| {fin.material} | {stated} | {stiffness} | {100.0 * fin.measured:.2f} | {' | '.join(cells)} |"
 
 
-def _reading_row(swum: Swum, fins: Sequence[PrintedFin], known: Sequence[int]) -> str:
+def _reading_row(swum: SwumReading, fins: Sequence[PrintedFin], known: Sequence[int]) -> str:
     measured = np.array([fin.measured for fin in fins])
     four, six = (correlation(measured[chosen], swum.nominal[chosen]) for chosen in (list(known), range(len(fins))))
     cells = [
@@ -315,7 +315,7 @@ def section(figures: Path) -> Section:
     """Return the part on the measured fins and draw its picture."""
     fins = printed_fins()
     known = [index for index, fin in enumerate(fins) if fin.modulus]
-    found = [Swum(each, steady_speeds(each.given, np.array(moduli(fins)))) for each in readings(fins)]
+    found = [SwumReading(each, steady_speeds(each.given, np.array(moduli(fins)))) for each in readings(fins)]
     plates = found[1]
     _draw(figures / FIGURE, fins, [each.reading for each in found[:2]])
     measured = np.array([fin.measured for fin in fins])
@@ -344,7 +344,7 @@ _FIN_COLUMNS = (
 )
 
 
-def _text(fins: Sequence[PrintedFin], known: list[int], found: Sequence[Swum]) -> str:
+def _text(fins: Sequence[PrintedFin], known: list[int], found: Sequence[SwumReading]) -> str:
     plain, plates = found[:2]
     tried = moduli(fins)
     sheet = plain.reading.given.fin
