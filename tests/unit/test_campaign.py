@@ -254,6 +254,24 @@ def test_half_a_result_is_named_and_not_overwritten(tmp_path: Path, capsys: pyte
     assert "is that of run simulation-000" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("told", ["of an older version", None])
+def test_runs_that_another_simulator_swam_are_told_and_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], told: str | None
+) -> None:
+    assert command(tmp_path, "model", "simulation", "--workers", "1") == 0
+    assert "another version" not in capsys.readouterr().err
+    path = tmp_path / "runs" / "model-000.npz"
+    with np.load(path) as content:
+        columns = {name: content[name] for name in content.files if name != "simulator"}
+    columns |= {} if told is None else {"simulator": np.array(told)}
+    np.savez_compressed(path, allow_pickle=False, **columns)
+    before = path.read_bytes()
+    assert command(tmp_path, "model", "simulation") == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert f"1 of the 2 finished runs in {tmp_path} were swum by another version of the simulator" in said
+    assert path.read_bytes() == before
+
+
 def test_a_folder_with_other_settings_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert command(tmp_path, "model", "--workers", "1") == 0
     before = (tmp_path / "study.json").read_bytes()

@@ -15,7 +15,7 @@ import pytest
 from plotly.offline import get_plotlyjs
 
 from fin_optimizer.goals import Goals
-from fin_optimizer.report import marks
+from fin_optimizer.report import marks, study_facts
 from fin_optimizer.report.film import film_of
 from fin_optimizer.report.page import html_of, unwrapped
 from fin_optimizer.report.parts import Facts, Film, Page, Plot, Section, Table
@@ -278,7 +278,9 @@ def test_the_numbers_of_a_swim_are_told_with_units_and_a_swim_too_short_for_a_be
     assert "energy per metre" not in dict(numbers_of(replace(swum, surge=-swum.surge), 0.5)), "it swims backwards"
 
 
-def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its_default_fish(tmp_path: Path) -> None:
+def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its_default_fish(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     table = node_table("fin_sim", "simulator")
     fish = {name: table[name].default for name in table.deciding_swims - FIN_PARAMETERS.keys()}
     fin = {name: parameter.default for name, parameter in FIN_PARAMETERS.items()}
@@ -294,6 +296,9 @@ def test_the_simulator_tells_curves_of_its_own_studies_and_swims_others_with_its
     before = cache.read_text()
     assert simulate(settings, trials, fish, cache) == own
     assert cache.read_text() == before
+    monkeypatch.setattr(study_facts, "simulator_digest", lambda: "another simulator's")
+    assert simulate(settings, trials, fish, cache) == own
+    assert cache.read_text() != before, "what another one swam counts for nothing"
     other = simulate(settings, trials, {"plant": "robot"})
     assert other is not None
     assert (other.is_the_plant, other.curves) == (False, {})

@@ -16,6 +16,7 @@ Its motion:
 * `dynamics`: the equations of motion; `dense_dynamics`: the same where links move each other's water;
 * `time_stepping`: their integration; `compiled`, `compile_all`: how and when kernels are compiled;
 * `swim`: one swim; `swim_result`: its figures; `picture`: its pictures; `case`: a swim as a file;
+  `source_digest`: what stands for all of this code where results are kept;
 * `energy`, `angular_momentum`: balances that prove the equations; `closed_forms`, `rigid_fin`: answers without
   integration; `paper_models`: the two models of the papers.
 

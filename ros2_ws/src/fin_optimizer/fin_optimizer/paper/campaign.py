@@ -47,15 +47,17 @@ from fin_optimizer.paper.space_campaign import (
 )
 from fin_optimizer.search.algorithms import ALGORITHMS
 from fin_plant import checks, json_file, text_file
+from fin_plant.checks import counted
 from fin_plant.command import command
 from fin_plant.paths import given_path
 from fin_plant.whole_file import write_text, write_whole
 from fin_sim.chain import REACTIVE_FORMS
 from fin_sim.presets import PRESETS, preset
+from fin_sim.source_digest import simulator_digest
 from fin_sim.water_settings import PRESETS as WATERS
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from concurrent.futures import Executor
 
     from fin_optimizer.paper.experiments import Table
@@ -72,6 +74,8 @@ _OF_THE_PAPERS = (
     "landscape",
     "modulus",
 )
+_SIMULATOR = "simulator"
+"""Entry of a run's file that stands for the code that swam it."""
 RunT = TypeVar("RunT", Run, SpaceRun)
 
 
@@ -146,6 +150,7 @@ def load_run(path: Path, run: AnyRun) -> Table:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as content:
             table = {name: content[name] for name in content.files}
             name = str(table.pop("run"))
+            table.pop(_SIMULATOR, None)
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         msg = f"result file {path} is damaged ({error}): move it away, the run is then repeated"
         raise ValueError(msg) from None
@@ -160,7 +165,8 @@ def load_run(path: Path, run: AnyRun) -> Table:
 
 
 def _save(path: Path, run: AnyRun, table: Table) -> None:
-    write_whole(path, lambda part: np.savez_compressed(part, allow_pickle=False, run=np.array(run.name), **table))
+    told = {"run": np.array(run.name), _SIMULATOR: np.array(simulator_digest())}
+    write_whole(path, lambda part: np.savez_compressed(part, allow_pickle=False, **told, **table))
 
 
 def finished(folder: Path, runs: Sequence[RunT]) -> dict[RunT, Table]:
@@ -171,6 +177,16 @@ def finished(folder: Path, runs: Sequence[RunT]) -> dict[RunT, Table]:
     """
     paths = {run: folder / "runs" / f"{run.name}.npz" for run in runs}
     return {run: load_run(path, run) for run, path in paths.items() if path.exists()}
+
+
+def swum_by_others(folder: Path, runs: Iterable[AnyRun]) -> list[AnyRun]:
+    """Return the finished runs that another version of the simulator swam, or one that did not tell which it was."""
+    others = []
+    for run in runs:
+        with (folder / "runs" / f"{run.name}.npz").open("rb") as file, np.load(file, allow_pickle=False) as content:
+            if _SIMULATOR not in content.files or str(content[_SIMULATOR]) != simulator_digest():
+                others.append(run)
+    return others
 
 
 def carry_out(runs: Sequence[RunT], folder: Path, executor: Executor, show: Show) -> dict[RunT, Table]:
@@ -366,6 +382,12 @@ def _carried_out(
 ) -> dict[RunT, Table]:
     _refuse_another(folder, campaign)
     results = finished(folder, runs)
+    if others := swum_by_others(folder, results):
+        console.print(
+            f"campaign: warning: {len(others)} of the {counted(len(results), 'finished run')} in {folder} were swum by "
+            "another version of the simulator, whose numbers may differ: another folder by --output swims all anew",
+            markup=False,
+        )
     missing = [run for run in runs if run not in results]
     took = compile_first(missing) if missing else 0.0  # what cannot swim is refused by it, before anything is written
     _begin_folder(folder, campaign)

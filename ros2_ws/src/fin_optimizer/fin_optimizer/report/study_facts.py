@@ -24,6 +24,7 @@ from fin_optimizer.study.candidate import best_of, candidates
 from fin_optimizer.study.simulated_curve import TOLD, SimulatedFish, can_be_computed
 from fin_optimizer.trial.result import Outcome
 from fin_plant.fin import node_table
+from fin_sim.source_digest import simulator_digest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -144,7 +145,7 @@ def simulate(
         return Simulated({}, None, {}, None, (), swum_by is not None, trouble=str(error), swimmer=name)
     goal = settings.goals.measures[0]
     measure = goal if goal.name in TOLD else MEASURES[MEAN_SPEED]
-    key = key_of(settings.flat(), swimmer.parameters, versions, measure.name)
+    key = key_of(settings.flat(), swimmer.parameters, versions, simulator_digest(), measure.name)
     speeds = KeptSpeeds(partial(swimmer.told, measure.name), key)
     if cache is not None:
         speeds.read(cache)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 import fin_optimizer
-import fin_sim
+from fin_sim.source_digest import simulator_digest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,21 +21,16 @@ if TYPE_CHECKING:
 
 def content_key(*decides: object) -> str:
     """Return a name for what follows from these: arrays, and what its ``repr`` tells whole."""
-    digest = hashlib.sha256(_simulator())
+    digest = hashlib.sha256(_code().encode())
     for each in decides:
         digest.update(each.tobytes() if isinstance(each, np.ndarray) else repr(each).encode())
     return digest.hexdigest()[:32]
 
 
-@cache
-def _simulator() -> bytes:
+def _code() -> str:
     """Return what stands for the simulator and for what draws the fish: other code, other speeds."""
-    simulator, drawn = Path(fin_sim.__path__[0]), Path(fin_optimizer.__path__[0]) / "search" / "plausible.py"
-    sources = [*simulator.rglob("*.py"), *simulator.rglob("*.yaml"), drawn]
-    digest = hashlib.sha256()
-    for path in sorted(sources):
-        digest.update(path.read_bytes())
-    return digest.digest()
+    drawn = Path(fin_optimizer.__path__[0]) / "search" / "plausible.py"
+    return simulator_digest() + hashlib.sha256(drawn.read_bytes()).hexdigest()
 
 
 def kept(path: Path, shape: tuple[int, ...]) -> Array | None:
