@@ -7,8 +7,14 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
 import pytest
-from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.msg import (
+    ListParametersResult,
+    ParameterDescriptor,
+    ParameterType,
+    ParameterValue,
+    SetParametersResult,
+)
+from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParametersAtomically
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
@@ -24,16 +30,17 @@ if TYPE_CHECKING:
 STILL = Gait.from_rows([[0.0, 0.9, 0.0, 0.0]])
 
 
-@dataclass(frozen=True)
+@dataclass(eq=False)
 class Service:
-    """A client; the plant lacks the service that resets it."""
+    """A client."""
 
     service_name: str
     kind: type
     call_async: Callable[[Any], Future]
+    lacking: set[str]
 
     def service_is_ready(self) -> bool:
-        return "reset" not in self.service_name
+        return self.service_name.rpartition("/")[2] not in self.lacking
 
 
 class Graph:
@@ -46,6 +53,7 @@ class Graph:
         self.hears: dict[str, Callable[[Any], None]] = {}
         self.waiting: list[Any] = []
         self.sent: list[Any] = []
+        self.lacking = {"request_reset"}
 
     def create_publisher(self, *_: object) -> Any:
         return SimpleNamespace(publish=self.sent.append, wait_for_all_acked=lambda _: True)
@@ -60,7 +68,7 @@ class Graph:
             self.asked.append((name, request, Future()))
             return self.asked[-1][2]
 
-        return Service(name, kind, call)
+        return Service(name, kind, call, self.lacking)
 
     def destroy_client(self, _: object) -> None:
         pass
@@ -134,6 +142,45 @@ def test_an_answer_to_an_earlier_question_is_none_to_the_last(graph: Graph, clie
     answer(graph, 1, SetParametersAtomically.Response(result=SetParametersResult(successful=True)))
     assert client.fin_reply == Reply(accepted=True)
     assert client.changed
+
+
+NAMES = ListParameters.Response(result=ListParametersResult(names=["body.mass"]))
+DESCRIPTIONS = DescribeParameters.Response(descriptors=[ParameterDescriptor(name="body.mass", description="kg")])
+VALUES = GetParameters.Response(values=[ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=0.3)])
+
+
+def test_a_question_that_changes_nothing_is_asked_again_until_it_is_answered(graph: Graph, client: PlantClient) -> None:
+    connected(graph, client).ask_parameters()
+    answer(graph, 0, NAMES)
+    for tenth in range(101):
+        client.look(1.0 + tenth / 10.0)
+    asked = [name.rpartition("/")[2] for name, *_ in graph.asked]
+    assert asked == ["list_parameters", *(["describe_parameters"] * 6)], "at once, and every 2 s of 10 s"
+    answer(graph, 2, DESCRIPTIONS)  # a late answer to an earlier asking counts
+    assert graph.asked[-1][0].endswith("get_parameters")
+    answer(graph, 6, DescribeParameters.Response())
+    answer(graph, 7, VALUES)
+    assert client.parameters == {"body.mass": 0.3}
+    client.look(60.0)
+    assert len(graph.asked) == 8, "what was answered is asked no more"
+
+
+def test_a_question_to_a_service_that_is_not_found_yet_waits_for_it(graph: Graph, client: PlantClient) -> None:
+    graph.lacking.add("list_parameters")
+    connected(graph, client).ask_parameters()
+    client.look(1.0)
+    assert graph.asked == []
+    graph.lacking.clear()
+    client.look(1.1)
+    assert [name for name, *_ in graph.asked] == ["/fish/simulator/list_parameters"]
+
+
+def test_what_changes_a_plant_is_asked_once(graph: Graph, client: PlantClient) -> None:
+    connected(graph, client).set_fin({"fin.young_modulus": 1e9})
+    client.request_reset()
+    for second in range(1, 20):
+        client.look(float(second))
+    assert len(graph.asked) == 2
 
 
 def test_a_reset_that_is_refused_says_why(graph: Graph, client: PlantClient) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -37,10 +38,34 @@ _LISTEN_PERIOD = 0.005
 _LOOK_PERIOD = 0.05
 """s between two looks at the graph, which take longer than a look at a variable."""
 _ARRIVAL = Duration(seconds=0.5)
+_ASK_AGAIN = 2.0
+"""s after which a question that changes nothing is asked again: of a node that has just been found, an answer can be
+lost before it knows who listens for it."""
 _START_SECONDS = 1.0
 """s in which a plant says that it swims a gait that has just been sent."""
 _REST_SECONDS = 12.0
 """s in which a plant is at rest after its gait's end: a robot's tail takes 10 s at most to neutral."""
+
+
+@dataclass(eq=False)
+class _Question:
+    """What is asked of a service; the first answer counts.
+
+    Attributes:
+        client: Of the service.
+        request: The service's request.
+        note: Takes the response.
+        changes_nothing: Whether it may be asked again.
+        asked: Whether it was sent.
+        due: When it is sent (again), s of a monotonic clock; None until a look tells the time.
+    """
+
+    client: Client
+    request: Any
+    note: Callable[[Any], None]
+    changes_nothing: bool
+    asked: bool = False
+    due: float | None = None
 
 
 class PlantClient:
@@ -67,7 +92,7 @@ class PlantClient:
         self.changed = False
         self.parameters: dict[str, Value] | None = None
         self.applied: Gait | None = None
-        self._newest: dict[Client | None, Future] = {}
+        self._newest: dict[Client | None, _Question] = {}
         self._node = node
         self.plants: list[str] = []
         self.publishers: frozenset[str] = frozenset()
@@ -122,6 +147,18 @@ class PlantClient:
         named = [end for end in found if end.node_name != NAME_TO_COME]
         self.plants = sorted({f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in named})
         self.publishers = frozenset(bytes(end.endpoint_gid).hex() for end in found)
+        self._ask_again(now)
+
+    def _ask_again(self, now: float) -> None:
+        """Ask what could not be asked yet, and what has had no answer for long, as far as it changes nothing."""
+        for question in list(self._newest.values()):
+            if not question.changes_nothing:
+                continue
+            if question.due is None:
+                question.due = now + _ASK_AGAIN if question.asked else now
+            if now >= question.due and question.client.service_is_ready():
+                question.due = now + _ASK_AGAIN
+                self._send_question(question)
 
     def missing_services(self) -> list[str]:
         """Return the full names of the services that the plant should offer and does not; first make its clients."""
@@ -160,7 +197,7 @@ class PlantClient:
         def note(response: Any) -> None:
             self.fin_reply = Reply(response.result.successful, response.result.reason)
 
-        self._call(self._set_parameters, request, note)
+        self._ask(self._set_parameters, request, note)
 
     def request_reset(self) -> None:
         """Ask for the fish at rest at its start; `reset_reply` will tell."""
@@ -169,7 +206,7 @@ class PlantClient:
         def note(response: Any) -> None:
             self.reset_reply = Reply(response.success, response.message)
 
-        self._call(self._request_reset, Trigger.Request(), note)
+        self._ask(self._request_reset, Trigger.Request(), note)
 
     def ask_parameters(self) -> None:
         """Ask for the parameters that decide how the fish swims, the fin excepted; `parameters` will tell them."""
@@ -180,32 +217,41 @@ class PlantClient:
 
         def note_names(response: Any) -> None:
             names = sorted(response.result.names)
-            self._call(self._describe_parameters, DescribeParameters.Request(names=names), note_descriptions)
+            request = DescribeParameters.Request(names=names)
+            self._ask(self._describe_parameters, request, note_descriptions, changes_nothing=True)
 
         def note_descriptions(response: Any) -> None:
             found = {entry.name: entry.description for entry in response.descriptors}
             descriptions.update({name: text for name, text in found.items() if decides_swim(name, text)})
-            self._call(self._get_parameters, GetParameters.Request(names=list(descriptions)), note_values)
+            request = GetParameters.Request(names=list(descriptions))
+            self._ask(self._get_parameters, request, note_values, changes_nothing=True)
 
         def note_values(response: Any) -> None:
             values = [parameter_value_to_python(value) for value in response.values]
             told = zip(descriptions, values, strict=False)
             self.parameters = {name: value for name, value in told if value is not None}
 
-        self._call(self._list_parameters, ListParameters.Request(), note_names)
+        self._ask(self._list_parameters, ListParameters.Request(), note_names, changes_nothing=True)
 
-    def _call(self, client: Client | None, request: Any, note: Any) -> None:
+    def _ask(
+        self, client: Client | None, request: Any, note: Callable[[Any], None], *, changes_nothing: bool = False
+    ) -> None:
         if client is None:
             msg = "the plant was not found before it was spoken to"
             raise RuntimeError(msg)
+        question = self._newest[client] = _Question(client, request, note, changes_nothing)
+        if not changes_nothing or client.service_is_ready():  # what is asked of a service not found yet is lost
+            self._send_question(question)
 
+    def _send_question(self, question: _Question) -> None:
         def answered(future: Future) -> None:
-            if self._newest.get(client) is future:  # an answer that comes too late is to an earlier question
+            if self._newest.get(question.client) is question:  # others are answers to an earlier one, or come twice
+                del self._newest[question.client]
                 self.changed = True
-                note(future.result())
+                question.note(future.result())
 
-        self._newest[client] = client.call_async(request)
-        self._newest[client].add_done_callback(answered)
+        question.asked = True
+        question.client.call_async(question.request).add_done_callback(answered)
 
     @property
     def swims(self) -> bool:
