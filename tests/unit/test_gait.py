@@ -7,14 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fin_plant.gait import Gait, JointDrive
-
-drives = st.builds(
-    JointDrive,
-    amplitude=st.floats(0.0, 1.0),
-    frequency=st.floats(0.0, 5.0),
-    phase=st.floats(-3.0, 3.0),
-    bias=st.floats(-0.5, 0.5),
-)
+from support.drives import drives
 
 
 @given(drives, st.floats(0.0, 1.5), st.floats(0.01, 5.0))

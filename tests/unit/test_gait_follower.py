@@ -10,16 +10,9 @@ from numpy.typing import NDArray
 
 from fin_plant.gait import PAPER_GAIT, Gait, JointDrive
 from fin_plant.gait_follower import LARGEST_SPEED_UP, LONGEST_RAMP, GaitFollower
+from support.drives import drives
 
 RAMP = 0.5
-
-drives = st.builds(
-    JointDrive,
-    amplitude=st.floats(0.0, 1.0),
-    frequency=st.floats(0.0, 5.0),
-    phase=st.floats(-3.0, 3.0),
-    bias=st.floats(-0.5, 0.5),
-)
 
 
 def ramp(t: NDArray[np.float64]) -> NDArray[np.float64]:

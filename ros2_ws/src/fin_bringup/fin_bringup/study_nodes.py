@@ -18,13 +18,13 @@ from fin_optimizer.parameters import NAMESPACE_PATTERN, OPTIMIZER, OPTIMIZER_PAR
 from fin_optimizer.study.journal import StudyError
 from fin_plant import yaml_file
 from fin_plant.checks import counted
-from fin_plant.parameters import load_table
+from fin_plant.parameters import dotted, load_table
 from fin_plant.paths import given_path
 from fin_plant.plant_state import SERVO_TORQUE, THRUST
 from fin_servo_driver import robot_file
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from fin_plant.parameters import Value
 
@@ -155,21 +155,12 @@ def _of_file(path: str, names: Sequence[str], namespace: str) -> dict[str, str]:
         mine = [f"{start}{name}" for name in names for start in ("", "/", "/**/", f"{namespace}/")]
         if key not in {"/**", *mine}:
             continue
-        for name, value in _flat(part["ros__parameters"]):
+        for name, value in dotted(part["ros__parameters"]):
             text = value if isinstance(value, str) else json.dumps(value)
             if found.setdefault(name, text) != text:
                 msg = f"{PARAMS}:={path} gives {name} two values, {found[name]} and {text}: leave one"
                 raise ValueError(msg)
     return found
-
-
-def _flat(part: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    """Yield names with dots, and values, of parameters that may be nested."""
-    for name, value in part.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def _of_its_time(study_folder: str) -> dict[str, str]:

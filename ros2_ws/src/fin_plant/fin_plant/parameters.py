@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal, cast
 from fin_plant import checks, yaml_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
 Value = float | int | bool | str | list[float] | list[str]
 Kind = Literal["double", "integer", "bool", "string", "double_array", "string_array"]
@@ -203,3 +203,12 @@ def load_table(package: str, file_name: str) -> ParameterTable:
     path = Path(specification.submodule_search_locations[0]) / file_name
     content = cast("dict[str, object]", yaml_file.read(path))
     return ParameterTable({name: _parameter(file_name, name, entry) for name, entry in content.items()})
+
+
+def dotted(part: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Yield names with dots, and values, of parameters that a ROS file may nest."""
+    for name, value in part.items():
+        if isinstance(value, dict):
+            yield from dotted(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value

@@ -47,7 +47,6 @@ from fin_optimizer.paper.space_campaign import (
 )
 from fin_optimizer.search.algorithms import ALGORITHMS
 from fin_plant import checks, json_file, text_file
-from fin_plant.checks import counted
 from fin_plant.command import command
 from fin_plant.paths import given_path
 from fin_plant.whole_file import write_text, write_whole
@@ -384,8 +383,9 @@ def _carried_out(
     results = finished(folder, runs)
     if others := swum_by_others(folder, results):
         console.print(
-            f"campaign: warning: {len(others)} of the {counted(len(results), 'finished run')} in {folder} were swum by "
-            "another version of the simulator, whose numbers may differ: another folder by --output swims all anew",
+            f"campaign: warning: {len(others)} of the {checks.counted(len(results), 'finished run')} in {folder} "
+            "were swum by another version of the simulator, whose numbers may differ: another folder by --output "
+            "swims all anew",
             markup=False,
         )
     missing = [run for run in runs if run not in results]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -56,16 +57,14 @@ class _Question:
         request: The service's request.
         note: Takes the response.
         changes_nothing: Whether it may be asked again.
-        asked: Whether it was sent.
-        due: When it is sent (again), s of a monotonic clock; None until a look tells the time.
+        due: When it is sent (again), s of a monotonic clock; None where it was sent and no look has told the time yet.
     """
 
     client: Client
     request: Any
     note: Callable[[Any], None]
     changes_nothing: bool
-    asked: bool = False
-    due: float | None = None
+    due: float | None = -math.inf
 
 
 class PlantClient:
@@ -155,10 +154,10 @@ class PlantClient:
             if not question.changes_nothing:
                 continue
             if question.due is None:
-                question.due = now + _ASK_AGAIN if question.asked else now
-            if now >= question.due and question.client.service_is_ready():
                 question.due = now + _ASK_AGAIN
+            if now >= question.due and question.client.service_is_ready():
                 self._send_question(question)
+                question.due = now + _ASK_AGAIN
 
     def missing_services(self) -> list[str]:
         """Return the full names of the services that the plant should offer and does not; first make its clients."""
@@ -250,7 +249,7 @@ class PlantClient:
                 self.changed = True
                 question.note(future.result())
 
-        question.asked = True
+        question.due = None
         question.client.call_async(question.request).add_done_callback(answered)
 
     @property

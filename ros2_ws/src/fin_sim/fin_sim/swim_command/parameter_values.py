@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 from fin_plant import checks, yaml_file
 from fin_plant.fin import PLANT_PARAMETERS
-from fin_plant.parameters import ParameterTable
+from fin_plant.parameters import ParameterTable, dotted
 from fin_sim.swim import SIMULATOR_PARAMETERS
 from fin_sim.swim_command.plan import PARAMETERS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from fin_plant.parameters import Parameter, Value
@@ -59,7 +58,7 @@ def read_parameter_file(path: Path) -> tuple[dict[str, Value], dict[str, Value]]
     """Return what a ROS parameter file says of fin, fish and servo, and of the run; the rest is the node's alone."""
     try:
         nodes = {
-            name: dict(_flatten(_mapping_in(name, entry, "ros__parameters")))
+            name: dict(dotted(_mapping_in(name, entry, "ros__parameters")))
             for name, entry in checks.mapping("it", yaml_file.read(path)).items()
         }
         chosen = [entry for name, entry in nodes.items() if _is_simulators(name)]
@@ -78,11 +77,3 @@ def read_parameter_file(path: Path) -> tuple[dict[str, Value], dict[str, Value]]
         raise ValueError(msg) from None
     values = {name: value for name, value in checked.items() if name in PARAMETERS}
     return values, {option: checked[name] for name, option in _RUN_PARAMETERS.items() if name in checked}
-
-
-def _flatten(entry: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
-    for name, value in entry.items():
-        if isinstance(value, dict):
-            yield from _flatten(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
