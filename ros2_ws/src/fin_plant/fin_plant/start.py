@@ -21,10 +21,13 @@ from importlib.abc import MetaPathFinder
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
+    from importlib.metadata import EntryPoint
     from types import FrameType, ModuleType
 
 INTERRUPTED = 128 + signal.SIGINT
+_AGAIN = 0.01
+"""s until an interrupt that a library lost comes again."""
 END_BY_SIGNAL_IS_SUCCESS = "FIN_END_BY_SIGNAL_IS_SUCCESS"
 """Environment variable; where it is set a node that was ended by a signal ends with exit code 0, for `ros2 launch`."""
 _HELP = frozenset(("-h", "--help"))
@@ -34,18 +37,53 @@ def _end(_number: int, _frame: FrameType | None) -> None:
     os._exit(0 if os.environ.get(END_BY_SIGNAL_IS_SUCCESS) else INTERRUPTED)
 
 
-def _let_go(unraisable: sys.UnraisableHookArgs) -> None:
-    """End where an interrupt would be lost: in a callback of a library, or in what tidies an object up."""
-    if unraisable.exc_type is KeyboardInterrupt:
-        os._exit(INTERRUPTED)
-    sys.__unraisablehook__(unraisable)
+class _Interrupt(KeyboardInterrupt):
+    """What Ctrl-C raises in a program: it comes again where a library lost it, as its C code does that clears errors.
+
+    Code of this workspace that takes it has its reasons. It is still running when the interrupt is let go, and heads
+    the traceback.
+    """
+
+    def __del__(self) -> None:
+        head = self.__traceback__.tb_frame if self.__traceback__ else None
+        running: FrameType | None = sys._getframe()  # noqa: SLF001  (documented, and nothing else tells)
+        while running is not None and running is not head:
+            running = running.f_back
+        if running is None or not str(running.f_globals.get("__package__")).startswith("fin_"):
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    raise _Interrupt
+
+
+def _once_more(_number: int, _frame: FrameType | None) -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+@contextmanager
+def interrupts() -> Iterator[None]:
+    """Let SIGINT be a KeyboardInterrupt that is not lost; after the block it ends the process. For the main thread."""
+    signal.signal(signal.SIGALRM, _once_more)
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, _end)
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
+
+
+def _say_unless_interrupt(unraisable: sys.UnraisableHookArgs) -> None:
+    """Say nothing of an interrupt that a library's callback could not raise: it comes again."""
+    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
+        sys.__unraisablehook__(unraisable)
 
 
 def _listen() -> None:
     """End quietly on SIGINT from here on, though the shell has it ignored, as that of a background job."""
     signal.signal(signal.SIGINT, _end)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-    sys.unraisablehook = _let_go
+    sys.unraisablehook = _say_unless_interrupt
 
 
 def _print_warnings_only() -> None:
@@ -106,6 +144,19 @@ class _BeforeRos(MetaPathFinder):
             ros_environment.prepare()
 
 
+def _loaded(entry: EntryPoint) -> Callable[[], object] | None:
+    """Return the main function that an executable names; None where its module is not, or no longer, there."""
+    from importlib import import_module  # noqa: PLC0415  (nothing slow before _listen)
+
+    try:
+        module = import_module(entry.module)
+    except ModuleNotFoundError as error:
+        if f"{entry.module}.".startswith(f"{error.name}."):
+            return None
+        raise
+    return getattr(module, entry.attr, None)
+
+
 def start(path: str) -> object:
     """Run the executable PREFIX/lib/PACKAGE/NAME, or PACKAGE/NAME of a wheel, and return its exit code.
 
@@ -121,8 +172,9 @@ def start(path: str) -> object:
 
     package, name = Path(path).parts[-2:]
     entry = executables(package).get(name)
+    other_version = error_line(name, f"{package} {name} is not installed as this version has it: run make setup")
     if entry is None:
-        raise SystemExit(error_line(name, f"{package} {name} is not installed as this version has it: run make setup"))
+        raise SystemExit(other_version)
     of_a_wheel = path == f"{package}/{name}"
     command = f"{package.replace('_', '-')} {name}" if of_a_wheel else f"./run {package} {name}"
     if _HELP & set(sys.argv):
@@ -130,12 +182,13 @@ def start(path: str) -> object:
 
         if answer(package, entry, command):
             return 0
-    main = entry.load()
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    main = _loaded(entry)
+    if main is None:
+        raise SystemExit(other_version)
     try:
-        code: object = main()
+        with interrupts():
+            code: object = main()
     finally:
-        signal.signal(signal.SIGINT, _end)
         # What nobody needs any more is let go, a node's place in the graph above all. The interpreter's end would look
         # through all the rest twice, which takes the simulator a sixth of what it takes to start.
         gc.collect()
