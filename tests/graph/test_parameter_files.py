@@ -17,7 +17,7 @@ from support.plant_tester import PlantTester
 from support.processes import ROOT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 pytestmark = pytest.mark.graph
@@ -54,9 +54,16 @@ class ParameterClient(PlantTester):
         request = SetParameters.Request(parameters=list(parameter_dict_from_yaml_file(str(file)).values()))
         return list(self._call(SetParameters, "set_parameters", request).results)
 
-    def wait_until_gone(self) -> None:
-        """Wait until the node has left the graph."""
-        self.wait_until(lambda: self._plant not in self._node.get_node_names(), f"end of {self._plant}")
+
+@contextlib.contextmanager
+def parameter_clients(domain: int) -> Iterator[dict[str, ParameterClient]]:
+    with contextlib.ExitStack() as stack:
+        yield {
+            name: stack.enter_context(
+                ParameterClient(domain, name, "/tank/fish" if name == "optimizer" else topics.NAMESPACE)
+            )
+            for name in NODES
+        }
 
 
 def start_all(start: Callable[..., Any], arguments: Callable[[str], tuple[str, ...]]) -> list[Any]:
@@ -75,18 +82,11 @@ def test_a_dump_of_each_node_starts_it_again_with_the_same_values(
     def dumped(name: str) -> tuple[str, ...]:
         return ("--params-file", str(tmp_path / f"{name}.yaml"))
 
-    with contextlib.ExitStack() as stack:
-        clients = {
-            name: stack.enter_context(
-                ParameterClient(ros_domain, name, "/tank/fish" if name == "optimizer" else topics.NAMESPACE)
-            )
-            for name in NODES
-        }
+    with parameter_clients(ros_domain) as clients:
         processes = start_all(start, given)
         first = {name: client.dump(tmp_path / f"{name}.yaml") for name, client in clients.items()}
-        assert [complaint for process in processes for complaint in process.end()] == []
-        for client in clients.values():
-            client.wait_until_gone()
+    assert [complaint for process in processes for complaint in process.end()] == []
+    with parameter_clients(ros_domain) as clients:  # new ones, to which a process that has ended was never known
         start_all(start, dumped)
         again = {name: client.dump(tmp_path / f"{name}_again.yaml") for name, client in clients.items()}
         assert again == first
