@@ -60,6 +60,7 @@ ENDED_BEFORE = {
     "enrich_bag": 2,
     "export": 2,
     "export_fin": 2,
+    "materials": 0,
     "measure_strip": 0,
     "play_bag": 2,
     "recover_study": 2,
