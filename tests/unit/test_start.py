@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import signal
+import subprocess
+import sys
 from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING
 
@@ -149,3 +151,19 @@ def test_an_interrupt_that_is_on_its_way_tidies_up_what_it_passes() -> None:
 
     assert work([]) == EXIT_INTERRUPTED
     assert tidied == [True]
+
+
+def test_an_interrupt_of_a_programs_own_handler_that_is_lost_ends_the_process() -> None:
+    words = """
+from fin_plant import start
+
+class Lost:
+    def __del__(self):
+        raise KeyboardInterrupt
+
+start._listen()
+with start.interrupts():
+    Lost()
+"""
+    done = subprocess.run([sys.executable, "-c", words], check=False, capture_output=True)
+    assert (done.returncode, done.stderr) == (130, b"")

@@ -74,9 +74,15 @@ def interrupts() -> Iterator[None]:
 
 
 def _say_unless_interrupt(unraisable: sys.UnraisableHookArgs) -> None:
-    """Say nothing of an interrupt that a library's callback could not raise: it comes again."""
-    if not isinstance(unraisable.exc_value, KeyboardInterrupt):
-        sys.__unraisablehook__(unraisable)
+    """Say nothing of an interrupt that a library's callback could not raise: it comes again.
+
+    One that a program's own handler raised would not: it ends the process.
+    """
+    if isinstance(unraisable.exc_value, _Interrupt):
+        return
+    if unraisable.exc_type is KeyboardInterrupt:
+        os._exit(INTERRUPTED)
+    sys.__unraisablehook__(unraisable)
 
 
 def _listen() -> None:
